@@ -16,7 +16,7 @@ import typer
 
 from mqttxt.cli.main import app
 from mqttxt.cli.station import DroneOptions, StationOptions
-from mqttxt_conformance import activator, activator_signed, gs, uav
+from mqttxt_conformance import activator, activator_air, activator_signed, gs, uav, uav_air
 from mqttxt_conformance.registry import RULES, Rule
 
 from .tables import filled, table
@@ -136,6 +136,8 @@ def main(*files: str) -> None:
     sections |= {_anchor(of): partial(_table, rows) for rows, of in SHARED.items()}
     rules = {"uav": uav.rules(), "activator": activator.rules(), "gs": gs.rules()}
     rules["two-links"] = RULES["uav with two connections"]
+    rules["air-uav"] = RULES[uav_air.ROLE]
+    rules["air-activator"] = RULES[activator_air.ROLE]
     rules["two-brokers"] = RULES["activator with two brokers"]
     rules["signed-activator"] = activator_signed.rules()
     sections |= {f"rules-{role}": partial(rules_list, checked) for role, checked in rules.items()}

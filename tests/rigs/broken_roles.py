@@ -30,6 +30,13 @@ from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
 from mqttxt.core.ledger import Admission, Ledger
+from mqttxt.core.mqtt.sn import air_client, client, packets
+from mqttxt.core.mqtt.sn.air import _ToBroker
+from mqttxt.core.mqtt.sn.air_client import AirClient
+from mqttxt.core.mqtt.sn.client import SnClient
+from mqttxt.core.mqtt.sn.gateway import Gateway
+from mqttxt.core.mqtt.sn.sender import Receiver, Sender
+from mqttxt.core.mqtt.sn.together import Unpacker
 from mqttxt.core.session_owners import SessionOwners
 from mqttxt.drone import bulk
 from mqttxt.drone.commands import CommandDesk
@@ -500,7 +507,132 @@ def takes_any_reading() -> None:
     wrap(Channel, "opened_reading", make)
 
 
+def takes_repetitions() -> None:
+    def make(original: Any) -> Any:
+        def is_new(self: Any, msg_id: int) -> bool:
+            return original(self, msg_id) or self.is_last(msg_id)
+
+        return is_new
+
+    wrap(Receiver, "is_new", make)
+
+
+def marks_no_repetition() -> None:
+    original = packets.encode
+    packets.encode = lambda packet: original(replace(packet, dup=False) if hasattr(packet, "dup") else packet)
+
+
+def skips_message_ids() -> None:
+    wrap(Sender, "_next_id", lambda original: lambda self: (original(self), original(self))[1])
+
+
+def uav_greets_without_a_will() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, client_id, will, *more: original(self, client_id, None, *more)
+
+    wrap(SnClient, "__init__", make)
+
+
+def uav_subscribes_to_what_is_kept() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, effect, *more: original(self, replace(effect, live_only=False), *more)
+
+    wrap(SnClient, "subscribe", make)
+
+
+def uav_repeats_states_at_once() -> None:
+    client.CONFIRM_S = 0.2
+
+
+def uav_waits_for_a_word() -> None:
+    client.QUIET_S = 60.0
+
+
+def uav_takes_every_puback() -> None:
+    client._in_mqtt_5 = lambda done, code: done(0)
+
+
+def forgets_pieces() -> None:
+    def make(original: Any) -> Any:
+        def take(self: Any, piece: bytes) -> Any:
+            self._came = b""
+            return original(self, piece)
+
+        return take
+
+    wrap(Unpacker, "take", make)
+
+
+def gateway_reflects() -> None:
+    air_client.REFLECTED = 1_000_000
+
+
+def gateway_serves_every_topic() -> None:
+    wrap(AirClient, "_may", lambda original: lambda self, rule, topic, now_s: True)
+
+
+def gateway_lets_newcomers_in() -> None:
+    def make(original: Any) -> Any:
+        def on_connect(self: Any, packet: Any, *more: Any) -> Any:
+            rivals = [known for known in self._at.values() if known.client_id == packet.client_id]
+            for rival in rivals:
+                rival.stage, ours = air_client.Stage.GONE, rival.stage
+            answer = original(self, packet, *more)
+            for rival in rivals:
+                rival.stage = ours
+            return answer
+
+        return on_connect
+
+    wrap(Gateway, "_on_connect", make)
+
+
+def gateway_keeps_the_will() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, client_id, will: original(self, client_id, None)
+
+    wrap(_ToBroker, "open", make)
+
+
+def gateway_says_nothing_to_strangers() -> None:
+    def make(original: Any) -> Any:
+        def received(self: Any, datagram: bytes, address: Any, now_s: float) -> Any:
+            if address in self._at or isinstance(packets.decode(datagram), packets.Connect):
+                return original(self, datagram, address, now_s)
+            return None
+
+        return received
+
+    wrap(Gateway, "received", make)
+
+
+def gateway_knows_no_names() -> None:
+    wrap(AirClient, "_register", lambda original: lambda self, topic: None)
+
+
+def gateway_tells_one_by_one() -> None:
+    wrap(Sender, "_is_single", lambda original: lambda self, told: self._fits_alone(told))
+
+
 VARIANTS: dict[str, Patch] = {
+    "air-uav-greets-without-a-will": uav_greets_without_a_will,
+    "air-uav-subscribes-to-what-is-kept": uav_subscribes_to_what_is_kept,
+    "air-uav-marks-no-repetition": marks_no_repetition,
+    "air-uav-takes-repetitions": takes_repetitions,
+    "air-uav-forgets-pieces": forgets_pieces,
+    "air-uav-takes-every-puback": uav_takes_every_puback,
+    "air-uav-waits-for-a-word": uav_waits_for_a_word,
+    "air-uav-repeats-states-at-once": uav_repeats_states_at_once,
+    "air-uav-skips-message-ids": skips_message_ids,
+    "air-activator-marks-no-repetition": marks_no_repetition,
+    "air-activator-takes-repetitions": takes_repetitions,
+    "air-activator-knows-no-names": gateway_knows_no_names,
+    "air-activator-serves-every-topic": gateway_serves_every_topic,
+    "air-activator-keeps-the-will": gateway_keeps_the_will,
+    "air-activator-lets-newcomers-in": gateway_lets_newcomers_in,
+    "air-activator-says-nothing-to-strangers": gateway_says_nothing_to_strangers,
+    "air-activator-reflects": gateway_reflects,
+    "air-activator-tells-one-by-one": gateway_tells_one_by_one,
     "uav-starts-late": uav_starts_late,
     "uav-takes-any-session": uav_takes_any_session,
     "uav-executes-duplicates": uav_executes_duplicates,

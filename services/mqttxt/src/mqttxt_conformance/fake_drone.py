@@ -18,7 +18,7 @@ from mqttxt.protocol.values import Encoding
 
 from . import shapes
 from .registry import Broken
-from .tap import Heard, Tap
+from .tap import Heard, Line
 
 QUESTION_HELD_S = 0.2
 """How long a lease's nonce seems to be under way to the drone, which no message shows."""
@@ -36,7 +36,7 @@ class Forwarded:
 class FakeDrone:
     """One drone; its clock starts at 0, or ahead of that."""
 
-    def __init__(self, number: int, topics: FogSide, tap: Tap, ahead_ms: int = 0) -> None:
+    def __init__(self, number: int, topics: FogSide, tap: Line, ahead_ms: int = 0) -> None:
         self.number = number
         self.session = secrets.randbelow(2**32 - 1) + 1
         self.words: tuple[Word, ...] = (Word.ACCEPTED, Word.COMPLETED)

@@ -1,10 +1,11 @@
-"""The kit's own connection to a broker: it keeps everything it hears, with RETAIN and expiry as they came."""
+"""The kit's own connections: each keeps everything it hears, with RETAIN and expiry as they came."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import ssl
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -40,12 +41,66 @@ class Heard:
     properties: Properties | None = None
 
 
-class Tap:
-    """One connection; `heard` has everything in the order of its arrival, own publishes left out.
+class Line(ABC):
+    """What the kit hears of the other side, in the order of its arrival, and says to it.
 
-    With an `identity` it is that node's, in TLS. Where messages are signed, `seal` makes of what is published what goes
-    to the broker, and `read` of what came from there what it says.
+    Where messages are signed, `seal` makes of what is published what goes to the other side, and `read` of what came
+    from there what it says.
     """
+
+    def __init__(self, clock: SessionClock) -> None:
+        self.heard: list[Heard] = []
+        self.seal: Callable[[str, bytes], bytes] = lambda topic, payload: payload
+        self.read: Callable[[Heard], Heard] = lambda heard: heard
+        self.on_heard: Callable[[Heard], None] = lambda heard: None
+        self._clock = clock
+        self._loop = asyncio.get_running_loop()
+        self._arrived = asyncio.Event()
+
+    @abstractmethod
+    def publish(
+        self,
+        topic: str,
+        payload: bytes,
+        *,
+        qos: int = 1,
+        retain: bool = False,
+        expiry_s: int | None = None,
+        as_it_is: bool = False,
+    ) -> asyncio.Future[int]:
+        """The future is the reason code with which it was acknowledged; `as_it_is`: not sealed."""
+
+    @abstractmethod
+    async def close(self) -> None: ...
+
+    def since(self, mark: int, topic: str | None = None, below: str | None = None) -> list[Heard]:
+        """What was heard from number `mark` on, on one topic or below one."""
+        return [
+            heard
+            for heard in self.heard[mark:]
+            if (topic is None or heard.topic == topic) and (below is None or heard.topic.startswith(below))
+        ]
+
+    async def until(self, condition: Callable[[], Any], limit_s: float) -> Any:
+        """The condition's first true value, asked anew with each message; its last value when time is up."""
+        deadline = self._loop.time() + limit_s
+        while not (value := condition()) and (left := deadline - self._loop.time()) > 0:
+            self._arrived.clear()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(min(left, 0.1)):
+                    await self._arrived.wait()
+        return value
+
+    def take(self, heard: Heard) -> None:
+        """A message came."""
+        heard = self.read(heard)
+        self.heard.append(heard)
+        self.on_heard(heard)
+        self._arrived.set()
+
+
+class Tap(Line):
+    """One connection to a broker; own publishes are not heard. With an `identity` it is that node's, in TLS."""
 
     def __init__(
         self,
@@ -57,14 +112,8 @@ class Tap:
         manual_ack: bool = False,
         reconnects: bool = True,
     ) -> None:
-        self.heard: list[Heard] = []
-        self.seal: Callable[[str, bytes], bytes] = lambda topic, payload: payload
-        self.read: Callable[[Heard], Heard] = lambda heard: heard
-        self.on_heard: Callable[[Heard], None] = lambda heard: None
+        super().__init__(clock)
         self._address = address
-        self._clock = clock
-        self._loop = asyncio.get_running_loop()
-        self._arrived = asyncio.Event()
         self._connected: asyncio.Future[int] = self._loop.create_future()
         self.connack = Properties(PacketTypes.CONNACK)  # type: ignore[no-untyped-call]
         """What the broker said of itself."""
@@ -152,24 +201,6 @@ class Tap:
         self._loop.call_later(PUBACK_S, resolve, acknowledged, NO_PUBACK)
         return acknowledged
 
-    def since(self, mark: int, topic: str | None = None, below: str | None = None) -> list[Heard]:
-        """What was heard from number `mark` on, on one topic or below one."""
-        return [
-            heard
-            for heard in self.heard[mark:]
-            if (topic is None or heard.topic == topic) and (below is None or heard.topic.startswith(below))
-        ]
-
-    async def until(self, condition: Callable[[], Any], limit_s: float) -> Any:
-        """The condition's first true value, asked anew with each message; its last value when time is up."""
-        deadline = self._loop.time() + limit_s
-        while not (value := condition()) and (left := deadline - self._loop.time()) > 0:
-            self._arrived.clear()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(min(left, 0.1)):
-                    await self._arrived.wait()
-        return value
-
     async def close(self, cleanly: bool = True) -> None:
         """DISCONNECT, or as after a power loss without one."""
         if cleanly:
@@ -188,13 +219,7 @@ class Tap:
             *(self._clock.now_ms(), message.topic, bytes(message.payload), message.qos, message.retain, expiry_s),
             properties=message.properties,
         )
-        self._call(self._take, heard)
-
-    def _take(self, heard: Heard) -> None:
-        heard = self.read(heard)
-        self.heard.append(heard)
-        self.on_heard(heard)
-        self._arrived.set()
+        self._call(self.take, heard)
 
     def _accepted(self, code: int, said: Properties | None) -> None:
         self.connack = said or self.connack
@@ -213,6 +238,6 @@ def resolve(future: asyncio.Future[int], value: int) -> None:
         future.set_result(value)
 
 
-async def clear_retained(tap: Tap, topics: Iterable[str]) -> None:
+async def clear_retained(tap: Line, topics: Iterable[str]) -> None:
     """Take back what the broker retains on some topics, if it still answers."""
     await asyncio.gather(*(tap.publish(topic, b"", retain=True) for topic in topics))

@@ -26,7 +26,7 @@ from .relay import Two
 from .sealed import STATION, Folder
 from .secured import SecuredUav
 from .subject import Subject
-from .tap import Heard, Tap, clear_retained
+from .tap import Heard, Line, clear_retained
 from .words import Words, words_of
 
 PATIENCE_S = 6.0
@@ -47,7 +47,7 @@ class UavKit:
         drone: int,
         topics: FogSide,
         autopilot: Autopilot,
-        tap: Tap,
+        tap: Line,
         subject: Subject,
         clock: SessionClock,
         secured: SecuredUav | None = None,

@@ -14,7 +14,7 @@ from . import shapes
 from .autopilot import ARM
 from .fields import FIRST_WORDS
 from .registry import expect, rule
-from .tap import Tap
+from .tap import Line
 from .uav_kit import PATIENCE_S, QUIET_S, UavKit
 from .words import Words, words_of
 
@@ -22,21 +22,21 @@ BACK_S = 15.0
 """How long a client may take to connect again."""
 
 
-def _presences(kit: UavKit, tap: Tap, mark: int) -> list[dict[str, Any]]:
+def _presences(kit: UavKit, tap: Line, mark: int) -> list[dict[str, Any]]:
     said = [heard for heard in tap.since(mark, kit.topics.reachable(kit.drone)) if heard.payload]
     return [shapes.read("presence", heard.payload) for heard in said]
 
 
-def _births(kit: UavKit, tap: Tap, mark: int) -> list[dict[str, Any]]:
+def _births(kit: UavKit, tap: Line, mark: int) -> list[dict[str, Any]]:
     return [said for said in _presences(kit, tap, mark) if said["up"]]
 
 
-def _words(kit: UavKit, tap: Tap, message: CommandMessage, mark: int = 0) -> Words:
+def _words(kit: UavKit, tap: Line, message: CommandMessage, mark: int = 0) -> Words:
     below = f"{kit.topics.root}drone{kit.drone}/commands_result/"
     return words_of(tap.since(mark, below=below), below, message.gs_session, message.seq)
 
 
-async def _once(kit: UavKit, message: CommandMessage, taps: tuple[Tap, ...]) -> str:
+async def _once(kit: UavKit, message: CommandMessage, taps: tuple[Line, ...]) -> str:
     """The same bytes over some connections: written once, with one last word, which both brokers are told."""
     second, mark = kit.two.tap, len(kit.autopilot.written)
     kit.lead(message.gs_session)
@@ -55,7 +55,7 @@ async def _once(kit: UavKit, message: CommandMessage, taps: tuple[Tap, ...]) -> 
     return f"{name}: written once; {_words(kit, second, message)} over both"
 
 
-def _lasts(kit: UavKit, tap: Tap, message: CommandMessage) -> set[bytes]:
+def _lasts(kit: UavKit, tap: Line, message: CommandMessage) -> set[bytes]:
     """Its last words, as they came."""
     below = f"{kit.topics.root}drone{kit.drone}/commands_result/"
     said = [(heard, shapes.read("result", heard.payload)) for heard in tap.since(0, below=below)]
@@ -122,7 +122,7 @@ async def the_end_of_one_connection_is_not_the_end(kit: UavKit) -> str:
     return "; ".join(said)
 
 
-async def _flies_on(kit: UavKit, cut: Tap, other: Tap, mark: int, command: Command) -> str:
+async def _flies_on(kit: UavKit, cut: Line, other: Line, mark: int, command: Command) -> str:
     """A connection was cut: what its will says, and a command over the other."""
     wills = await cut.until(lambda: _presences(kit, cut, mark), PATIENCE_S)
     expect(wills, f"no will within {PATIENCE_S:g} s of the cut")

@@ -13,6 +13,7 @@ from ..core.address import BrokerAddress
 from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_prefix, check_root
+from .broker import address_of
 from .common import run_coroutine
 
 if TYPE_CHECKING:
@@ -58,7 +59,12 @@ FogRoot = Annotated[str, typer.Option(help="Root of the fog side's topics, as fo
 
 @conformance_app.command()
 def uav(
-    broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    broker: Annotated[
+        str,
+        typer.Option(
+            help="The fog's broker: mqtt://HOST[:PORT]; or where the kit is a gateway: mqtt-sn://HOST[:PORT]."
+        ),
+    ],
     second_broker: Annotated[
         str | None, typer.Option(help="Another broker of the fog, on this machine: the client has two connections.")
     ] = None,
@@ -77,10 +83,12 @@ def uav(
     """Check a UAV client: the kit plays its activator and its autopilot.
 
     {broker}, {drone} and {autopilot} in --run are replaced; with --fleet also {identity} and {fog}, and with
-    --second-broker {second_broker}: both are then the kit's links, which it cuts under the client. The fleet has a
-    station `ops` that may command the drone, and a station `guest` that may only observe.
+    --second-broker {second_broker}: both are then the kit's links, which it cuts under the client. With mqtt-sn:// it
+    is checked by the rules of section 20 alone. The fleet has a station `ops` that may command the drone, and a station
+    `guest` that may only observe.
     """
     from mqttxt_conformance.uav import UavTarget, check_uav
+    from mqttxt_conformance.uav_air import check_uav_air
 
     from ..drone.mavlink.transports import AutopilotAddress
 
@@ -89,12 +97,17 @@ def uav(
         if where.kind != "udp":
             raise ConfigurationError(f"--autopilot {autopilot!r}: expected udp:HOST:PORT")
         number, root = check_number("--drone", drone, MAX_DRONE), check_root(fog_root)
-        address = BrokerAddress.parse(broker, "--broker")
+        address = BrokerAddress.parse(broker, "--broker", datagrams=True)
+        if address.datagrams and (fleet or signed or second_broker):
+            raise ConfigurationError(
+                f"--broker {address}: expected neither --fleet, --signed nor --second-broker beside it"
+            )
         folder = _folder(fleet, signed, address)
         second = _second(second_broker, address)
         of_fog = check_number("--fog", fog)
         target = UavTarget(number, where.host, where.port, root, run, log, folder, of_fog, second)
-        return await _report("uav", format_, partial(check_uav, address, target))
+        check = check_uav_air if address.datagrams else check_uav
+        return await _report("uav", format_, partial(check, address, target))
 
     run_coroutine(job())
 
@@ -105,6 +118,9 @@ def activator(
     fog_broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
     second_fog_broker: Annotated[
         str | None, typer.Option(help="Another broker of the fog: the activator is connected to both.")
+    ] = None,
+    air_sn: Annotated[
+        str | None, typer.Option("--air-sn", help="HOST:PORT where the activator's gateway listens for datagrams.")
     ] = None,
     fog: Annotated[int, typer.Option(help="The fog's number.")] = 1,
     prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
@@ -119,10 +135,12 @@ def activator(
     """Check an activator: the kit plays its ground stations and its drones 1 and 2, on both brokers.
 
     {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced; with --fleet also {identity}. With
-    --second-fog-broker, {second_fog_broker} in --run, it is checked by the rules of section 19 alone. With
-    --fleet and --signed it is checked by the rules of section 12, without them by all others.
+    --second-fog-broker, {second_fog_broker} in --run, it is checked by the rules of section 19 alone, with --air-sn,
+    {air_sn} in --run, by those of section 20. With --fleet and --signed it is checked by the rules of section 12,
+    without them by all others.
     """
     from mqttxt_conformance.activator import ActivatorTarget, check_activator
+    from mqttxt_conformance.activator_air import check_activator_air
 
     async def job() -> int:
         number, root = check_number("--fog", fog), check_root(fog_root)
@@ -135,6 +153,14 @@ def activator(
         if second is not None and (folder is not None or second == fog_address):
             raise ConfigurationError(f"--second-fog-broker {second}: expected another broker, and no --fleet beside it")
         target = ActivatorTarget(number, check_prefix(prefix), root, run, log, folder, second)
+        if air_sn is not None:
+            if folder is not None or second is not None:
+                raise ConfigurationError(
+                    f"--air-sn {air_sn}: expected neither --fleet nor --second-fog-broker beside it"
+                )
+            gateway = address_of(air_sn, "--air-sn")
+            check = partial(check_activator_air, cloud_address, fog_address, gateway, target)
+            return await _report("activator", format_, check)
         return await _report(
             "activator", format_, lambda tell: check_activator(cloud_address, fog_address, target, tell)
         )

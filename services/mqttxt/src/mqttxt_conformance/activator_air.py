@@ -1,0 +1,402 @@
+"""Rules of an activator with a gateway for datagrams (section 20): the kit is drone 1 there, and others that come."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.clock import SessionClock
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Arm, Disarm
+from mqttxt.protocol.messages import Presence, Word
+from mqttxt.protocol.states import Heading
+from mqttxt.protocol.topics import CloudSide, FogSide
+
+from . import datagrams as wire
+from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit, ActivatorTarget
+from .datagrams import (
+    CLEAN,
+    DUP,
+    NORMAL,
+    PREDEFINED,
+    QOS_1,
+    RETAIN,
+    TOGETHER,
+    WILL,
+    Address,
+    AirLine,
+    Packet,
+    ids_of,
+)
+from .fake_drone import FakeDrone
+from .registry import RULES, Broken, Finding, check_all, expect, rule, unmet
+from .subject import Subject
+from .tap import Heard, Tap, clear_retained
+
+ROLE = "activator over datagrams"
+KEEPALIVE_S = 15
+INVALID = 2
+ASKED_S = 5.0
+"""By when a client whose id somebody else names has answered (R20.10)."""
+REFLECTED = 3
+LEAST_MS, LONGEST_MS, GRACE_MS = 100, 2000, 400
+"""When a packet is repeated (R20.5), and how late a busy machine may be."""
+
+
+class Client(AirLine):
+    """A UAV client of the kit's; `drone` is whose topics it names."""
+
+    def __init__(self, root: str, drone: int, clock: SessionClock) -> None:
+        super().__init__(ids_of(root, drone), clock)
+        self.topics, self.drone = FogSide(root), drone
+        self.name = f"conformance-{secrets.token_hex(4)}"
+
+    async def reach(self, gateway: Address) -> None:
+        """Have a port of its own; raises ConfigurationError."""
+        await self.open("--air-sn", remote=gateway)
+
+    async def ask(self, kind: int, answer: int, *numbers: int, rest: bytes = b"", limit_s: float = 1.0) -> Packet:
+        """Send a packet until its answer comes; raises Broken without one."""
+        mark = len(self.came)
+        for _ in range(round(PATIENCE_S / limit_s)):
+            self.send(kind, *numbers, rest=rest)
+            if found := await self.until(lambda: self.packets(answer, mark), limit_s):
+                first: Packet = found[0]
+                return first
+        raise Broken(f"no answer to packet kind 0x{kind:02x} within {PATIENCE_S:g} s")
+
+    async def connect(self, will: Presence | None = None, keepalive_s: int = KEEPALIVE_S) -> int:
+        """The return code of CONNACK."""
+        flags = CLEAN | WILL * (will is not None)
+        answer = wire.WILLTOPICREQ if will is not None else wire.CONNACK
+        found = await self.ask(wire.CONNECT, answer, flags, 1, keepalive_s, rest=self.name.encode())
+        if will is not None:
+            topic = self.topics.reachable(self.drone).encode()
+            await self.ask(wire.WILLTOPIC, wire.WILLMSGREQ, QOS_1 | RETAIN, rest=topic)
+            found = await self.ask(wire.WILLMSG, wire.CONNACK, rest=encode(will))
+        return found.code
+
+    async def subscribe(self, topic: int | str, flags: int = 0) -> Packet:
+        """The SUBACK."""
+        rest = topic.to_bytes(2, "big") if isinstance(topic, int) else topic.encode()
+        kind = PREDEFINED if isinstance(topic, int) else NORMAL
+        return await self.ask(wire.SUBSCRIBE, wire.SUBACK, flags | QOS_1 | kind, self.next_id, rest=rest)
+
+    def on_packet(self, packet: Packet) -> None:
+        if packet.kind == wire.PINGREQ and self.answers(packet):
+            self.send(wire.PINGRESP)
+        else:
+            super().on_packet(packet)
+
+    async def close(self) -> None:
+        """Take leave once, and let go of the port."""
+        self.send(wire.DISCONNECT)
+        await super().close()
+
+    def id_of(self, topic: str) -> int:
+        return next(number for number, name in self.ids.items() if name == topic)
+
+
+class AirKit(ActivatorKit):
+    """The kit's drone 1 comes by datagrams; `fog` is its own connection to the fog's broker, which only listens."""
+
+    gateway: Address = ()
+
+    async def client(self, drone: int = 2) -> Client:
+        """Another client, at a port of its own."""
+        made = Client(self.fog_side.root, drone, self.clock)
+        await made.reach(self.gateway)
+        return made
+
+    async def add_drones(self) -> None:
+        """Drone 1, as a UAV client of section 20 comes; raises Broken."""
+        self.air = await self.client(1)
+        one = FakeDrone(1, self.fog_side, self.air)
+        self.drones = {1: one}
+        code = await self.air.connect(Presence(session=one.session, up=False))
+        expect(code == 0, f"CONNACK with return code {code}")
+        self.air.on_heard = one.on_heard
+        await self.air.subscribe(TOGETHER)
+        for topic, flags in ((self.fog_side.init_connect(1), 0), (self.fog_side.commands(1), RETAIN)):
+            await self.air.subscribe(self.air.id_of(topic), flags)
+        one.born()
+        self.station.register()
+        held = {"up": True, "holder": self.station.name}
+        await self.cloud.until(lambda: held.items() <= self.record(1).items(), PATIENCE_S)
+
+    def at_broker(self, topic: str, mark: int = 0) -> list[Heard]:
+        return self.fog.since(mark, topic)
+
+    async def close(self) -> None:
+        if hasattr(self, "air"):
+            await self.air.close()
+        await super().close()
+
+
+@rule(ROLE, "R20.2", "R20.3", "R6.10", "R9.2")
+async def serves_a_drone(kit: AirKit) -> str:
+    """A drone that comes by datagrams has a lease, is reachable, and is commanded, as any other."""
+    expect(kit.record(1).get("up"), f"drone 1's record is {kit.record(1)}")
+    own = [lease for _, lease in kit.one.leases if lease["drone_session"] == kit.one.session]
+    expect(own, "no lease came over the air leg")
+    said = []
+    for command in (Arm(), Disarm()):
+        message = kit.command(command)
+        kit.publish(message)
+        await kit.comes_down(message)
+        words = await kit.outcome(message)
+        expect(words.names[-1:] == ["completed"], f"{command.name}: drone 1 said `completed`; came {words}")
+        expect(len(kit.forwarded(message)) == 1, f"{command.name} came down {len(kit.forwarded(message))} times")
+        said.append(f"{command.name}: {words}")
+    return f"{len(own)} leases; {'; '.join(said)}"
+
+
+@rule(ROLE, "R20.5")
+async def repeats_what_is_not_answered(kit: AirKit) -> str:
+    """A PUBLISH without PUBACK comes again with DUP and its id, at growing pauses; meanwhile nothing else is sure."""
+    air, message, mark = kit.air, kit.command(Arm()), len(kit.air.came)
+
+    def sure() -> list[Packet]:
+        return [one for one in air.packets(wire.PUBLISH, mark) if one.is_sure]
+
+    air.answers = lambda packet: not packet.is_sure
+    try:
+        kit.publish(message)
+        await air.until(lambda: len(sure()) >= 4, PATIENCE_S)
+    finally:
+        air.answers = lambda packet: True
+    copies = sure()
+    expect(len(copies) >= 4, f"{len(copies)} PUBLISHes at QoS 1 within {PATIENCE_S:g} s, which nobody answered")
+    expect(len({one.same for one in copies}) == 1, "another PUBLISH at QoS 1 before the first was answered")
+    marks = [one.flags & DUP != 0 for one in copies]
+    expect(marks == [False] + [True] * (len(marks) - 1), f"DUP of the copies: {marks}")
+    pauses = [later.at_ms - earlier.at_ms for earlier, later in pairwise(copies)]
+    are_right = all(LEAST_MS - 20 <= pause <= LONGEST_MS + GRACE_MS for pause in pauses)
+    expect(are_right and pauses[2] > pauses[0], f"pauses of {pauses} ms")
+    words = await kit.outcome(message)
+    expect(len(kit.forwarded(message)) == 1, f"the command was told {len(kit.forwarded(message))} times")
+    return f"{len(copies)} copies, {pauses} ms apart; then {words}"
+
+
+@rule(ROLE, "R20.5")
+async def takes_a_repetition_once(kit: AirKit) -> str:
+    """A PUBLISH that comes again is acknowledged again, and is at the broker once; one with an older id is dropped."""
+    air, topic = kit.air, kit.fog_side.commands_result(1, "arm")
+    mark, heard = len(air.came), len(kit.fog.heard)
+    first, last = air.next_id, air.next_id
+
+    def say(msg_id: int, dup: int) -> None:
+        air.send(wire.PUBLISH, QOS_1 | PREDEFINED | dup, air.id_of(topic), msg_id, rest=b"word")
+
+    def pubacks() -> list[int]:
+        return [one.msg_id for one in air.packets(wire.PUBACK, mark)]
+
+    say(last, 0)
+    await air.until(pubacks, PATIENCE_S)
+    say(last, DUP)
+    say(first, 0)
+    await air.until(lambda: pubacks().count(last) == 2, PATIENCE_S)
+    await asyncio.sleep(QUIET_S)
+    expect(pubacks() == [last, last], f"PUBACKs of {pubacks()}; sent were {last} twice, then {first}")
+    came = kit.at_broker(topic, heard)
+    expect(len(came) == 1, f"at the broker it came {len(came)} times")
+    return "two copies: two PUBACKs, one message; an older id: nothing"
+
+
+@rule(ROLE, "R20.1", "R20.2", "R20.6")
+async def serves_by_names(kit: AirKit) -> str:
+    """A client that registers and subscribes by names is served, and hears each message by itself."""
+    client, topic, state = await kit.client(), kit.fog_side.commands(2), kit.fog_side.state(2, Heading.name)
+    try:
+        expect(await client.connect() == 0, "CONNACK with another return code than 0")
+        regack = await client.ask(wire.REGISTER, wire.REGACK, 0, client.next_id, rest=state.encode())
+        expect(regack.code == 0 and regack.topic, f"REGACK with return code {regack.code}, topic id {regack.topic}")
+        suback = await client.subscribe(topic)
+        expect(suback.code == 0 and suback.topic, f"SUBACK with return code {suback.code}, topic id {suback.topic}")
+        heard = len(kit.fog.heard)
+        client.send(wire.PUBLISH, NORMAL, regack.topic, 0, rest=b"\0")
+        came = await kit.fog.until(lambda: kit.at_broker(state, heard), PATIENCE_S)
+        expect(came, "a PUBLISH on the registered id did not come to the broker")
+        for _ in range(2):
+            kit.fog.publish(topic, b"\0")
+        found: list[Packet] = await client.until(
+            lambda: [p for p in client.packets(wire.PUBLISH) if p.topic == suback.topic][1:], PATIENCE_S
+        )
+        expect(found, "two messages for what was subscribed to by name: not told one by one")
+        client.send(wire.DISCONNECT)
+        await client.until(lambda: client.packets(wire.DISCONNECT), PATIENCE_S)
+    finally:
+        await client.close()
+    return f"REGISTER: id {regack.topic}; SUBSCRIBE: id {suback.topic}, two messages one by one"
+
+
+@rule(ROLE, "R20.2", "R20.8")
+async def serves_a_drone_alone(kit: AirKit) -> str:
+    """What a UAV client neither says nor hears has return code 2; who names another drone is disconnected."""
+    client = await kit.client()
+    try:
+        await client.connect()
+        for topic in (f"{kit.fog_side.root}+/commands", kit.fog_side.state(2, Heading.name)):
+            code = (await client.subscribe(topic)).code
+            expect(code == INVALID, f"SUBSCRIBE to {topic}: return code {code}, expected {INVALID}")
+        code = await client.surely(PREDEFINED, client.id_of(kit.fog_side.commands(2)), b"\0")
+        expect(code == INVALID, f"PUBLISH on droneY/commands: return code {code}, expected {INVALID}")
+        mark, other = len(client.came), kit.fog_side.state(1, Heading.name).encode()
+        client.send(wire.REGISTER, 0, client.next_id, rest=other)
+        left = await client.until(lambda: client.packets(wire.DISCONNECT, mark), PATIENCE_S)
+        expect(left, f"it named {other.decode()}, and is still there")
+    finally:
+        await client.close()
+    return f"return code {INVALID}; DISCONNECT for another drone's topic"
+
+
+@rule(ROLE, "R20.9", "R20.7")
+async def publishes_the_will(kit: AirKit) -> str:
+    """The will of who is silent for one and a half times its keep-alive, and of who leaves with a duration."""
+    said, topic = [], kit.fog_side.reachable(2)
+    for how, rest, keepalive_s, expected in (
+        ("silence", b"", 2, 1),
+        ("a duration", b"\0\1", 15, 1),
+        ("none", b"", 15, 0),
+    ):
+        client = await kit.client()
+        try:
+            code = await client.connect(Presence(session=1, up=False), keepalive_s)
+            expect(code == 0, f"CONNACK with return code {code}")
+            heard, client.answers = len(kit.fog.heard), lambda packet: False
+            client.send(wire.PINGREQ)
+            began_ms = kit.clock.now_ms()
+            if how != "silence":
+                client.send(wire.DISCONNECT, rest=rest)
+            came = partial(kit.at_broker, topic, heard)
+            wills = await kit.fog.until(came, PATIENCE_S if expected else 1 + QUIET_S)
+            expect(len(wills) == expected, f"{how}: {len(wills)} wills, expected {expected}")
+            if how == "silence":
+                after_ms = wills[0].at_ms - began_ms
+                expect(after_ms >= 1500 * keepalive_s - GRACE_MS, f"will after {after_ms} ms of silence")
+                said.append(f"after {after_ms / 1000:.1f} s of silence with a keep-alive of {keepalive_s} s")
+        finally:
+            await client.close()
+    return f"{said[0]}; with a duration; without one none"
+
+
+@rule(ROLE, "R20.9", "R20.11")
+async def tells_strangers_to_come_anew(kit: AirKit) -> str:
+    """A packet of somebody that it does not know is answered with DISCONNECT, a DISCONNECT with nothing."""
+    client = await kit.client()
+    try:
+        await client.ask(wire.PINGREQ, wire.DISCONNECT)
+        mark = len(client.came)
+        client.send(wire.DISCONNECT)
+        await asyncio.sleep(QUIET_S)
+        expect(len(client.came) == mark, "a stranger's DISCONNECT was answered")
+    finally:
+        await client.close()
+    return "DISCONNECT, and nothing to a DISCONNECT"
+
+
+@rule(ROLE, "R20.13")
+async def is_no_amplifier(kit: AirKit) -> str:
+    """To an address that answers nothing go no more than three times the bytes that came from there."""
+    client, topic = await kit.client(), kit.fog_side.commands(2)
+    client.answers = lambda packet: False
+    try:
+        await client.connect()
+        await client.subscribe(client.id_of(topic))
+        for _ in range(10):
+            kit.fog.publish(topic, bytes(1000))
+        await asyncio.sleep(ASKED_S)
+        times = client.came_bytes / client.sent_bytes
+        expect(times <= REFLECTED, f"{client.came_bytes} bytes for {client.sent_bytes}, and no PUBACK")
+    finally:
+        await client.close()
+    return f"{client.came_bytes} bytes for {client.sent_bytes}"
+
+
+@rule(ROLE, "R20.1", "R20.6")
+async def its_packets_are_as_specified(kit: AirKit) -> str:
+    """Every datagram is one packet of section 20 of at most 1,200 bytes; what waits leaves together."""
+    air = kit.air
+    expect(not air.faults, f"{air.faults[:1]}")
+    mark, before = len(air.came), len(kit.one.commands)
+    air.answers = lambda packet: not packet.is_sure
+    messages = [kit.command(command) for command in (Arm(), Disarm(), Arm())]
+    words, kit.one.words = kit.one.words, (Word.COMPLETED,)
+    try:
+        for message in messages:
+            kit.publish(message)
+        await air.until(lambda: air.packets(wire.PUBLISH, mark), PATIENCE_S)
+        await asyncio.sleep(QUIET_S)
+        air.answers = lambda packet: True
+        for message in messages:
+            await kit.comes_down(message)
+    finally:
+        air.answers, kit.one.words = (lambda packet: True), words
+    sure = {one.msg_id for one in air.packets(wire.PUBLISH, mark) if one.is_sure}
+    expect(len(sure) == 2, f"three commands, two of which waited, left in {len(sure)} PUBLISHes")
+    longest = max(packet.size for packet in air.came)
+    expect(longest <= wire.LARGEST, f"a datagram of {longest} bytes")
+    return f"{len(kit.one.commands) - before} commands in 2 PUBLISHes; no datagram longer than {longest} bytes"
+
+
+@rule(ROLE, "R20.10")
+async def keeps_who_is_there(kit: AirKit) -> str:
+    """Who greets with the id of a client that is there gets no connection: that one is asked, and stays."""
+    thief, mark = await kit.client(1), len(kit.air.came)
+    thief.name = kit.air.name
+    try:
+        for _ in range(3):
+            thief.send(wire.CONNECT, CLEAN, 1, KEEPALIVE_S, rest=thief.name.encode())
+            await asyncio.sleep(ASKED_S / 2)
+        asked = kit.air.packets(wire.PINGREQ, mark)
+        expect(asked, "the client that is there was not asked")
+        served = [one for one in thief.packets(wire.CONNACK) if one.code == 0]
+        expect(not served, "a second client with the same id was connected")
+        expect(not kit.air.packets(wire.DISCONNECT, mark), "the client that is there was disconnected")
+        message = kit.command(Arm())
+        kit.publish(message)
+        words = await kit.outcome(message)
+        expect(words.last is not None, f"afterwards the client that is there said `completed`; came {words}")
+    finally:
+        await thief.close()
+    return f"asked {len(asked)} times; then {words}"
+
+
+async def check_activator_air(
+    cloud_broker: BrokerAddress,
+    fog_broker: BrokerAddress,
+    gateway: Address,
+    target: ActivatorTarget,
+    on_finding: Callable[[Finding], None],
+) -> list[Finding]:
+    """Check an activator's gateway; raises ConfigurationError for what cannot be tested as it was asked."""
+    topics, fog_side, clock = CloudSide(target.fog, target.prefix), FogSide(target.fog_root), SessionClock()
+    values = {"broker": str(cloud_broker), "fog_broker": str(fog_broker), "fog": str(target.fog), "drones": "1,2"}
+    values |= {"fog_root": target.fog_root, "air_sn": "{}:{}".format(*gateway)}
+    subject, own = Subject(target.run, values, target.log), f"conformance-{secrets.token_hex(4)}"
+    cloud, fog = Tap(cloud_broker, own, clock), Tap(fog_broker, f"{own}-fog", clock)
+    await cloud.connect("--broker")
+    await fog.connect("--fog-broker")
+    kit, checked = AirKit(topics, fog_side, cloud, fog, subject, clock), RULES[ROLE]
+    kit.gateway = gateway
+    try:
+        await clear_retained(fog, [fog_side.reachable(number) for number in (1, 2)])
+        if subject.is_ours:
+            await clear_retained(cloud, [topics.reachable, *(topics.drone_reachable(number) for number in (1, 2))])
+        cloud.on_heard = kit.on_cloud
+        await cloud.subscribe(f"{topics.root}#")
+        await fog.subscribe(*(f"{fog_side.root}drone{number}/#" for number in (1, 2)))
+        if subject.is_ours:
+            await subject.start()
+        try:
+            await kit.meet()
+            await kit.add_drones()
+        except Broken as broken:
+            return unmet(checked, checked[0].name, str(broken), on_finding)
+        return await check_all(checked, kit, on_finding)
+    finally:
+        await kit.close()
