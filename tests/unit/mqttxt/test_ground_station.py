@@ -149,7 +149,18 @@ def test_progress_never_goes_back() -> None:
     bench = StationBench()
     bench.send()
     said = [(percent, bench.result(Word.IN_PROGRESS, percent=percent)) for percent in (10, 60, 40, 60, 61, None, 5)]
-    assert [percent for percent, outcomes in said if outcomes] == [10, 60, 61, None, 5]
+    assert [percent for percent, outcomes in said if outcomes] == [10, 60, 61, None]
+    assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
+
+
+def test_a_progress_that_comes_late_says_nothing_behind_accepted() -> None:
+    """R5.18. A drone says `accepted` behind `in_progress`, never before it."""
+    bench = StationBench()
+    bench.send()
+    said = [bench.result(Word.IN_PROGRESS, percent=10), bench.result(Word.ACCEPTED)]
+    assert said == [[(Word.IN_PROGRESS, False)], [(Word.ACCEPTED, False)]]
+    assert [bench.result(Word.IN_PROGRESS, percent=percent) for percent in (5, 10, 60, None)] == [[]] * 4
+    assert bench.result(Word.ACCEPTED) == []
     assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
 
 

@@ -169,16 +169,16 @@ async def test_a_cancelled_await_leaves_the_command_as_it_is() -> None:
 async def test_every_iteration_begins_with_the_first_word_also_behind_an_exception() -> None:
     field = Field(1)
     sent = field.fog().drone(1).send(Goto(47.4, 8.5, 10))
-    field.say(Word.ACCEPTED)
+    field.say(Word.IN_PROGRESS, percent=40)
     with pytest.raises(ZeroDivisionError):
         await fail_at_the_first(sent)
-    field.say(Word.IN_PROGRESS, percent=40)
+    field.say(Word.ACCEPTED)
     async for outcome in sent:
-        assert outcome.word is Word.ACCEPTED
+        assert outcome.word is Word.IN_PROGRESS
         break
     field.say(Word.COMPLETED)
     for _ in range(2):
-        assert [outcome.word async for outcome in sent] == [Word.ACCEPTED, Word.IN_PROGRESS, Word.COMPLETED]
+        assert [outcome.word async for outcome in sent] == [Word.IN_PROGRESS, Word.ACCEPTED, Word.COMPLETED]
     assert len(field.sent) == 1
 
 

@@ -35,6 +35,7 @@ class Pending:
     words: dict[int, Word] = field(default_factory=dict)
     signers: dict[int, str | None] = field(default_factory=dict)
     percents: dict[int, int | None] = field(default_factory=dict)
+    furthest: dict[int, int] = field(default_factory=dict)
     unconfirmed_here: set[int] = field(default_factory=set)
     denied: bool = False
     denied_by: str | None = None
@@ -56,10 +57,12 @@ class Pending:
             before = self.words[drone] = Word.DENIED
             self.signers[drone] = self.denied_by
         if before is None or not before.is_last:
-            if before is outcome.word and not _is_further(outcome.percent, self.percents.get(drone)):
+            if self._is_known(outcome, drone, before):
                 return []
             word, reason = without_contradiction(outcome.word, outcome.reason, before)
             self.percents[drone], self.words[drone], self.signers[drone] = outcome.percent, word, outcome.signer
+            if outcome.percent is not None:
+                self.furthest[drone] = outcome.percent
             self.retry = Retry.after_word(qos, now_ms)
             if word is Word.UNCONFIRMED:
                 self.unconfirmed_here.add(drone)
@@ -71,6 +74,14 @@ class Pending:
             self.words[drone], self.signers[drone] = outcome.word, outcome.signer
             return [replace(outcome, settled=True)]
         return self._contradiction(outcome, before, own)
+
+    def _is_known(self, outcome: Outcome, drone: int, before: Word | None) -> bool:
+        """Whether a first word says nothing new: a progress that is no further, or behind `accepted`, came late."""
+        if outcome.word is not Word.IN_PROGRESS or before is None:
+            return outcome.word is before
+        if before is Word.ACCEPTED or outcome.percent is None:
+            return before is Word.ACCEPTED or self.percents[drone] is None
+        return outcome.percent <= self.furthest.get(drone, -1)
 
     def _contradiction(self, outcome: Outcome, before: Word, own: str) -> list[Log | Outcome]:
         """A drone has signed another word than its activator sent in its place: a log line, and an outcome."""
@@ -96,8 +107,3 @@ class Pending:
         if self.roster is None or self.open_drones():
             return True
         return self.choosing and all(self.words[number] in PASSED_OVER for number in self.roster)
-
-
-def _is_further(percent: int | None, before: int | None) -> bool:
-    """Whether a progress is news: a lower one is an older word that came late."""
-    return percent != before and (percent is None or before is None or percent > before)
