@@ -12,6 +12,7 @@ from random import Random
 from typing import Any
 
 from mqttxt.activator.drones import CLOUD, FOG
+from mqttxt.core.settings import Settings
 from mqttxt.security.seal import Seal
 from tests.simulation.drone_node import DroneNode
 from tests.simulation.nodes import DRONES, MS, ActivatorNode, Node, S, StationNode
@@ -66,10 +67,10 @@ CALM = Dangers(
 class Simulation:
     """One history: `live` with dangers, then `calm` until everything that was sent must be closed."""
 
-    def __init__(self, seed: int, dangers: Dangers | None = None, qos: int = 1) -> None:
+    def __init__(self, seed: int, dangers: Dangers | None = None, qos: int = 1, bundles: bool = False) -> None:
         self.rng = Random(seed)
         self.dangers = dangers or Dangers()
-        self.qos = qos
+        self.settings = Settings(qos=qos, bundles=bundles)
         self.events = Events()
         self.judge = self.make_judge()
         self.weather = Weather(self.rng)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.activator.drones import FOG
-from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Journal, Transmit
 from mqttxt.drone.mavlink.px4 import Px4
 from mqttxt.drone.options import UavOptions
@@ -48,11 +47,10 @@ class DroneNode(Node):
 
     def make_role(self) -> UavClient:
         left, options = list(self.journal.unfinished.values()), UavOptions(endurance_s=900)
-        settings = Settings(qos=self.sim.qos)
         often = {name: replace(policy, heartbeat_ms=3000) for name, policy in POLICIES.items()}
         seal = self.sim.seal(f"drone{self.number}")
         return UavClient(
-            self.number, self.clock.session, settings, None, often, left, options=options, seal=seal, fog=1
+            self.number, self.clock.session, self.sim.settings, None, often, left, options=options, seal=seal, fog=1
         )
 
     def start(self) -> None:

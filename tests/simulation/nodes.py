@@ -12,7 +12,6 @@ from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.role import Activator
 from mqttxt.core.clock import RemoteClock, SessionClock
 from mqttxt.core.effects import Inbound, Publish, Stop, Subscribe, Unsubscribe
-from mqttxt.core.settings import Settings
 from mqttxt.errors import FogUnreachable
 from mqttxt.protocol.commands import Arm, Disarm, Goto, Hold
 from mqttxt.station.outcomes import Outcome
@@ -182,7 +181,7 @@ class StationNode(Node):
 
     def make_role(self) -> StationRole:
         self.sim.judge.station_starts()
-        role = StationRole("g", self.clock.session, Settings(qos=self.sim.qos), seal=self.sim.seal("gs-g"))
+        role = StationRole("g", self.clock.session, self.sim.settings, seal=self.sim.seal("gs-g"))
         self.carry_out(role.add_fogs([1]), 0)
         return role
 
@@ -225,7 +224,7 @@ class ActivatorNode(Node):
     brokers = (CLOUD, FOG)
 
     def make_role(self) -> Activator:
-        return Activator(1, self.clock.session, Settings(qos=self.sim.qos), drones=DRONES, seal=self.sim.seal("fog1"))
+        return Activator(1, self.clock.session, self.sim.settings, drones=DRONES, seal=self.sim.seal("fog1"))
 
     def will(self, link: str) -> Any:
         return self.role.will() if link == CLOUD else None
