@@ -100,6 +100,11 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
             "uav --drone 1 --broker mqtt://127.0.0.1 --sensor-store-limit 5",
             "--sensor-store-limit 5: expected --sensors or --sensor-broker beside it",
         ),
+        ("gs send land --drone 1 --drone 2", "--drone 1 2: expected one, or none for the whole fog"),
+        ("gs send takeoff 1_5", "takeoff altitude_m '1_5': expected a number from 0.5 to 10000"),
+        ("gs send takeoff \N{FULLWIDTH DIGIT NINE}", "expected a number from 0.5 to 10000"),
+        ("gs send takeoff --dron=2", "takeoff altitude_m '--dron=2': expected a number"),
+        ("gs send hold --dron 2", "hold: expected no parameters, got --dron 2"),
         ("gs page --fog 1 --listen 127.0.0.1:80000", "expected HOST:PORT, with a port from 1 to 65535"),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --listen 127.0.0.1:1 --drones a",
@@ -160,6 +165,12 @@ def test_what_is_no_command_line_is_one_line_too(typed: str, said: str) -> None:
     assert done.exit_code == 2, done.output
     assert done.stderr.startswith(f"mqttxt: {said}")
     assert done.stderr.count("\n") == 1
+
+
+def test_the_line_is_the_same_for_who_runs_the_package() -> None:
+    """`python -m mqttxt` is three words of a command's path."""
+    done = CliRunner().invoke(app, ["uav", "--drone", "one", "--broker", "x"], prog_name="python -m mqttxt")
+    assert done.stderr == "mqttxt: uav: --drone 'one': expected a whole number\n"
 
 
 def test_a_command_without_words_shows_its_help() -> None:

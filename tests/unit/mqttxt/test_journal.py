@@ -198,8 +198,19 @@ def test_broker_addresses(url: str, address: BrokerAddress) -> None:
 
 
 @pytest.mark.parametrize(
-    "url", ["host", "http://host", "mqtt://", "mqtt://host:x", "mqtt://host:99999", "mqtt://h/topic"]
+    "url",
+    [
+        *("host", "http://host", "mqtt://", "mqtt://host:x", "mqtt://host:99999", "mqtt://h/topic"),
+        *("mqtt://10.0.0.1\n2", "mqtt://h\tost", "mqtt:\r//host", " mqtt://host", "mqtt://h ost"),
+    ],
 )
 def test_what_is_no_brokers_address_is_named(url: str) -> None:
     with pytest.raises(ConfigurationError, match="expected mqtt://HOST"):
         BrokerAddress.parse(url, "--broker")
+
+
+@pytest.mark.parametrize("url", ["{}@host:99999", "{}@host/topic", "{}@", "{}@ho st", "{}@a@host:x", "{}#/?@host"])
+def test_what_is_said_of_a_wrong_address_does_not_name_its_password(url: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"mqtt://me:\*\*\*@.*expected mqtt://HOST") as refused:
+        BrokerAddress.parse("mqtt://" + url.format("me:s3cret"))
+    assert "s3cret" not in str(refused.value)

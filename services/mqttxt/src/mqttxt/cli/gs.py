@@ -101,9 +101,9 @@ def send(
         list[str] | None,
         typer.Option(help="The fog's number, or FLEET/NUMBER, as acme/1; 1 by default; several only with --best."),
     ] = None,
-    drone: Annotated[
-        str | None,
-        typer.Option(help="The drone's number, or FLEET/NUMBER, as acme/1; without it the whole fog."),
+    drones: Annotated[
+        list[str] | None,
+        typer.Option("--drone", help="The drone's number, or FLEET/NUMBER, as acme/1; without it the whole fog."),
     ] = None,
     best: Annotated[bool, typer.Option("--best", help="To the drone that arrives first (PSMI).")] = False,
     take_over: Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")] = False,
@@ -120,6 +120,9 @@ def send(
 
         wanted = parse_command(command, parameters or [])
         names, number = fog or ["1"], None
+        if drones is not None and len(drones) > 1:
+            raise ConfigurationError(f"--drone {' '.join(drones)}: expected one, or none for the whole fog")
+        drone = drones[0] if drones else None
         _check_target(wanted, names, drone, best)
         places = options.fogs_of(names)
         if drone is not None:

@@ -40,8 +40,7 @@ class OneLineErrors(TyperGroup):
 
 def _line_of(error: Any) -> str:
     """The line for one of typer's errors."""
-    path = error.ctx.command_path.partition(" ")[2] if error.ctx is not None else ""
-    where = f"{path}: " if path else ""
+    where = _where(error.ctx)
     message = " ".join(error.format_message().split())
     parameter = getattr(error, "param", None)
     if "requires an argument" in message:
@@ -58,6 +57,15 @@ def _line_of(error: Any) -> str:
     if wrong := _NOT_ONE_OF.search(said):
         return f"{typed}: expected one of {wrong[1].replace(chr(39), '').removesuffix('.')}"
     return f"{typed}: {said.removesuffix('.')}"
+
+
+def _where(context: Any) -> str:
+    """The subcommand's words: behind those by which the program was started, of which there may be several."""
+    words: list[str] = []
+    while context is not None and context.parent is not None:
+        words.insert(0, context.info_name)
+        context = context.parent
+    return f"{' '.join(words)}: " if words else ""
 
 
 def _value_of(error: Any) -> str:

@@ -88,9 +88,9 @@ def _value(name: str, field: str, mark: Any, text: str) -> Any:
 
 
 def _decimal(text: str) -> float:
-    """The number in a text, NaN where it is none."""
+    """The number in a text, NaN where it is none: `1_5` is 15 for Python, and nobody means that by it."""
     try:
-        return float(text)
+        return float(text) if text.isascii() and "_" not in text else float("nan")
     except ValueError:
         return float("nan")
 

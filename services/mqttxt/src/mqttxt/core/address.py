@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import re
 import socket
 from dataclasses import dataclass
 from urllib.parse import unquote, urlsplit
@@ -11,6 +12,7 @@ from urllib.parse import unquote, urlsplit
 from ..errors import ConfigurationError
 
 SN = "mqtt-sn"
+_PASSWORD = re.compile(r"(://[^:/?#@]*:).*@", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -32,16 +34,19 @@ class BrokerAddress:
         """Raises ConfigurationError where `url` is no broker's; a gateway's is one where `datagrams` says so."""
         schemes = ("mqtt", "mqtts", SN) if datagrams else ("mqtt", "mqtts")
         forms = [f"{scheme}://HOST[:PORT]" for scheme in schemes]
-        expected = f"expected {', '.join(forms[:-1])} or {forms[-1]}"
+        shown = _PASSWORD.sub(r"\1***@", url)
+        wrong = f"{what} {shown!r}: expected {', '.join(forms[:-1])} or {forms[-1]}"
+        if not url.isprintable() or " " in url:  # some of these are left out by `urlsplit`
+            raise ConfigurationError(wrong)
         try:
             parts = urlsplit(url)
             port = parts.port
-        except ValueError as error:
-            raise ConfigurationError(f"{what} {url!r}: {error}; {expected}") from error
+        except ValueError:  # whose text may have a part of a password
+            raise ConfigurationError(wrong) from None
         has_user = parts.scheme == SN and "@" in parts.netloc  # no packet of MQTT-SN has a place for one
         beside = parts.path.strip("/") or parts.query or parts.fragment
         if parts.scheme not in schemes or has_user or beside or not is_host(parts.hostname or "") or port == 0:
-            raise ConfigurationError(f"{what} {url!r}: {expected}")
+            raise ConfigurationError(wrong)
         assert parts.hostname is not None
         tls = parts.scheme == "mqtts"
         return cls(
