@@ -231,6 +231,24 @@ async def test_a_front_without_room_leaves_it_to_the_disk(
     await eventually(lambda: client.opened == [(1, True)], "the disk has it")
 
 
+async def test_a_front_that_had_no_room_for_a_word_takes_none_back_that_the_disk_has(
+    client: Client, disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(file: int, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    disk.stall()
+    client.begin(1)
+    monkeypatch.setattr(journal_front, "write_all", full)
+    client.end(1)
+    monkeypatch.setattr(journal_front.Front, "clear", lambda self: None)  # killed before that
+    disk.go_on()
+    await eventually(lambda: "completed" in client.path.read_text(), "the disk has it")
+    left = JournalFile(client.copy(tmp_path), with_front=True)
+    assert left.unfinished == [Unfinished(CommandId(1, 1), "takeoff", Word.COMPLETED)]
+    left.close()
+
+
 async def test_a_client_that_ends_opens_nothing_any_more(
     client: Client, disk: Disk, memory: Path, tmp_path: Path
 ) -> None:

@@ -212,8 +212,13 @@ class JournalFile:
             self._left_front = None
 
     def _take(self, left: Unfinished, done: bool) -> None:
-        """What a record changes. An id that is done stays known without its word too: it was started."""
+        """What a record changes. An id that is done stays known without its word too: it was started.
+
+        An opening of an id that is known is the front's, which the disk had already.
+        """
         known = self._open.pop(left.id, None) or self._delivered.pop(left.id, None)
+        if known is not None and not done and left.word is None:
+            left, done = known, known.delivered
         if not done:
             self._open[left.id] = left
             return
