@@ -43,6 +43,9 @@ class Fleet:
 
     async def changed(self) -> None: ...
 
+    def within(self, limit_s: float) -> float:
+        return limit_s
+
     def __getattr__(self, name: str) -> Any:
         raise AssertionError(f"{name}: the mission ends with the refused arming")
 

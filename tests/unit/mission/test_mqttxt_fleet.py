@@ -16,6 +16,7 @@ from mission.events import EventLog
 from mission.fleet import MissionError, Point, Result
 from mission.mqttxt_fleet import NEEDED_STATES, TTL_S, MqttxtFleet
 from mqttxt import (
+    Arm,
     BrokerRefused,
     Command,
     Goto,
@@ -28,6 +29,7 @@ from mqttxt import (
     Stream,
     Word,
 )
+from mqttxt.core.settings import GRACE_MS
 from mqttxt.protocol.messages import CommandId
 from mqttxt.protocol.states import Fence, Mission, VitalState
 from mqttxt.station.heard import Record
@@ -54,8 +56,9 @@ class Drone:
         self._fog = fog
         self._number = number
 
-    def send(self, command: Command, *, ttl_s: float) -> SentCommand[Outcome, Outcome]:
+    def send(self, command: Command, *, ttl_s: float, limit_s: float) -> SentCommand[Outcome, Outcome]:
         assert ttl_s == TTL_S
+        self._fog.limits_s[command.name] = limit_s
         return said(self._fog.answer(command, (self._number,)), last_word)
 
 
@@ -64,14 +67,18 @@ class Fog:
 
     def __init__(self, number: int, asked: list[Any], answers: dict[int, Word | None]) -> None:
         self.number = number
+        self.limits_s: dict[str, float | None] = {}
         self._asked = asked
         self._answers = answers
 
     def drone(self, number: int) -> Drone:
         return Drone(self, number)
 
-    def broadcast(self, command: Command, *, ttl_s: float | None = None) -> SentCommand[Outcomes, Outcome]:
+    def broadcast(
+        self, command: Command, *, ttl_s: float | None = None, limit_s: float | None = None
+    ) -> SentCommand[Outcomes, Outcome]:
         assert isinstance(command, Stream) or ttl_s == TTL_S
+        self.limits_s[command.name] = limit_s
         self._asked.append((self.number, command))
         return said(self.answer(command, FOGS[self.number]), Outcomes.of)
 
@@ -241,3 +248,18 @@ async def test_the_fogs_choose_who_flies_to_a_point(
     assert station.asked == [((1, 2), Goto(47.0, 8.0, 10.0))]
     events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
     assert [event["chosen"] for event in events if event["event"] == "psmi"] == [4]
+
+
+async def test_a_step_bounds_its_commands_so_that_their_last_words_come_within_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(mqttxt_fleet, "GroundStation", Station({}))
+    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(Path("/dev/null"), StringIO()))
+    await fleet.connect(5)
+    told_s = fleet.within(90)
+    await fleet.arm()
+    await fleet.land()
+    await fleet.close()
+    limits_s = fleet._fogs[1].limits_s  # type: ignore[attr-defined]
+    assert limits_s == {"arm": Arm.limit_s, "land": 90}, "its own, where that is shorter"
+    assert told_s > TTL_S + 90 + 2 * GRACE_MS / 1000, "when a station's library closes a command"

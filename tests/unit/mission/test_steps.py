@@ -25,6 +25,8 @@ class Fleet:
     """Two drones that do at once what they are told, unless `answers` says otherwise."""
 
     drones = (1, 2)
+    later_s = 0.0
+    """Behind a step's limit, when it is known what became of a command."""
 
     def __init__(self, **answers: list[Result]) -> None:
         self.asked: list[Any] = []
@@ -36,6 +38,9 @@ class Fleet:
     async def connect(self, limit_s: float) -> None: ...
 
     async def close(self) -> None: ...
+
+    def within(self, limit_s: float) -> float:
+        return limit_s + self.later_s
 
     async def arm(self) -> list[Result]:
         return self._answer("arm", Status(armed=True, mode="hold", altitude_m=0.0, landed="on_ground"))
@@ -239,6 +244,18 @@ async def test_a_step_that_takes_too_long_says_where_each_drone_is(log: EventLog
     asking: Callable[[], Awaitable[list[Result]]] = forever
     with pytest.raises(MissionError, match=r"arm: not done within 0\.05 s \(drone 1: disarmed, on the ground, hold; "):
         await Steps(fleet, log).command("arm", asking, limit_s=0.05)
+
+
+async def test_a_step_waits_for_the_word_that_tells_what_became_of_its_command(log: EventLog) -> None:
+    fleet = Fleet()
+    fleet.later_s = 30.0
+
+    async def unconfirmed() -> list[Result]:
+        await asyncio.sleep(0.05)
+        return [Result(1, "completed"), Result(2, "unconfirmed")]
+
+    with pytest.raises(MissionError, match=r"^land: drone 2: unconfirmed$"):
+        await Steps(fleet, log).command("land", unconfirmed, limit_s=0.01)
 
 
 async def test_a_drone_that_disarms_while_holding_fails_it(log: EventLog) -> None:

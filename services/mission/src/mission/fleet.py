@@ -84,6 +84,9 @@ class Fleet(Protocol):
 
     async def close(self) -> None: ...
 
+    def within(self, limit_s: float) -> float:
+        """Commands from now on may take so long; returns in how many seconds each has its last word, or has none."""
+
     async def arm(self) -> list[Result]: ...
 
     async def takeoff(self, altitude_m: float) -> list[Result]: ...

@@ -139,6 +139,10 @@ class MavsdkFleet:
         goals = {drone: goto_goal(point) for drone, point in points.items()}
         return await self._command_each("goto", lambda drone: go_to(drone, points[drone.number]), goals)
 
+    def within(self, limit_s: float) -> float:
+        """MAVLink's commands have no limit, nor a last word that comes later."""
+        return limit_s
+
     async def goto_best(self, point: Point) -> Result:
         """Raises MissionError: over MAVLink nobody chooses among drones."""
         raise MissionError("goto_best: MAVLink has no choice among drones; expected the protocol mqttxt")

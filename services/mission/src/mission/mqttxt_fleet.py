@@ -43,6 +43,8 @@ from .fleet import MissionError, Point, Reading, Result, Status, Survey
 TTL_S = 30.0
 """Within which a command must start: no step of a mission is urgent, and over a satellite's link that loses packets it
 may take ten seconds and more."""
+LAST_WORD_S = 15.0
+"""Behind deadline and limit: a station's library closes a command after 10 s (R5.9), and some time to tell it."""
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
 NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
@@ -73,6 +75,7 @@ class MqttxtFleet:
         self._station = GroundStation(
             cloud, qos=qos, bundles=states == "bundle", identity=identity, signed=signed, insecure=insecure
         )
+        self._limit_s: float | None = None
         self._at_fixed_rate = states in ("fixed", "bundle")
         self._wanted = fogs
         self._log = log
@@ -113,6 +116,11 @@ class MqttxtFleet:
             await self._stack.aclose()
         except MqttxtError as error:
             logger.warning("the ground station ended: %s", error)
+
+    def within(self, limit_s: float) -> float:
+        """The limit of a command counts from its start, which the deadline bounds."""
+        self._limit_s = limit_s
+        return TTL_S + limit_s + LAST_WORD_S
 
     async def arm(self) -> list[Result]:
         return await self._broadcast(Arm())
@@ -225,7 +233,8 @@ class MqttxtFleet:
         call = self._log.next_call()
         self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
         results = []
-        async for outcome in send(command, ttl_s=TTL_S):
+        limit_s = command.limit_s if self._limit_s is None else min(self._limit_s, command.limit_s)
+        async for outcome in send(command, ttl_s=TTL_S, limit_s=limit_s):
             self._note(call, outcome)
             if outcome.is_last and outcome.drone in self._wanted[fog.number]:
                 results.append(Result(outcome.drone, outcome.word.label, outcome.reason))

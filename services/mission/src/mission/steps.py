@@ -33,8 +33,11 @@ class Steps:
         self._was_reached = was_reached
 
     async def command(self, name: str, ask: Callable[[], Awaitable[list[Result]]], limit_s: float) -> None:
-        """A command to all drones; raises MissionError unless each completes it."""
-        async with self._step(name, limit_s):
+        """A command to all drones; raises MissionError unless each completes it.
+
+        Where a protocol tells later than `limit_s` what became of it, that is waited for.
+        """
+        async with self._step(name, self._fleet.within(limit_s)):
             results = await ask()
             answered = {result.drone for result in results}
             failed = [str(result) for result in results if not result.completed]
