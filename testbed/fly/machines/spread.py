@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from ...plan.overrides import FLEET_COPY, compose_files
 from ..containers import Containers, connect_docker, services_of
 from .overlays import ROUTERS, Carrier, make_overlays, remove_overlays
 from .reach import Daemon, reached
-from .swarm import joined
+from .swarm import forget, joined
 
 IMAGE = "mqttxt-testbed/node:latest"
 FETCHED = "sitl"
@@ -36,8 +36,8 @@ def containers_on(plan: Plan) -> Iterator[Callable[..., Containers]]:
     """
     with reached(plan.machines, IMAGE) as daemons:
         here = connect_docker()
-        with contextlib.closing(here), joined(here, daemons):
-            yield functools.partial(SpreadContainers, daemons)
+        with contextlib.closing(here), joined(here, daemons) as node_ids:
+            yield functools.partial(SpreadContainers, daemons, node_ids)
 
 
 class SpreadContainers(Containers):
@@ -48,7 +48,13 @@ class SpreadContainers(Containers):
     """
 
     def __init__(
-        self, daemons: Sequence[Daemon], profile: str, run_dir: Path, settings: dict[str, str], fleet: Fleet
+        self,
+        daemons: Sequence[Daemon],
+        node_ids: Mapping[str, str],
+        profile: str,
+        run_dir: Path,
+        settings: dict[str, str],
+        fleet: Fleet,
     ) -> None:
         compose_files(settings, fleet, run_dir)  # of which the copy of the fleet's file is needed
         machines = [daemon.machine for daemon in daemons]
@@ -66,7 +72,7 @@ class SpreadContainers(Containers):
         self._nodes = [node for machine in machines for node in machine.nodes]
         self._services = {path: services_of(self._profiles, path) for path in files}
         self._files_there = dict(zip(self._others, files[1:], strict=True))
-        self._fleet, self._run_dir = fleet, run_dir
+        self._fleet, self._run_dir, self._node_ids = fleet, run_dir, node_ids
         self._are_joined = False
         self._lost: dict[str, str] = {}
 
@@ -159,6 +165,8 @@ class SpreadContainers(Containers):
         """Everything on every machine, and the overlays between them."""
         with contextlib.ExitStack() as last_first:
             last_first.callback(remove_overlays, self._client)
+            for name in self._lost:
+                last_first.callback(forget, self._client, self._node_ids[name])
             for name, other in self._others.items():
                 if name not in self._lost:
                     last_first.callback(self._carriers[name].remove)

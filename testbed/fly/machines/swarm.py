@@ -24,16 +24,16 @@ NONE, ACTIVE = "inactive", "active"
 
 
 @contextlib.contextmanager
-def joined(here: Any, daemons: Sequence[Daemon]) -> Iterator[None]:
+def joined(here: Any, daemons: Sequence[Daemon]) -> Iterator[dict[str, str]]:
     """This machine's Docker (`here`) manages a swarm that all others are in, for as long as this lasts.
+
+    Yields by machine the id of its node in the swarm.
 
     Raises UserError for a machine that is in another swarm, or cannot join.
     """
     _make(here)
     try:
-        for daemon in daemons:
-            _join(here, daemon)
-        yield
+        yield {daemon.name: _join(here, daemon) for daemon in daemons}
     finally:
         _leave(here, daemons)
 
@@ -50,7 +50,15 @@ def _make(here: Any) -> None:
         raise UserError(f"{VARIABLE}: expected this machine in no swarm, or as a manager of one (docker swarm leave)")
 
 
-def _join(here: Any, daemon: Daemon) -> None:
+def forget(here: Any, node_id: str) -> None:
+    """A machine that is lost holds no overlay any more; one that was in the swarm before the run stays in it."""
+    with contextlib.suppress(NotFound):
+        node = here.nodes.get(node_id)
+        if LABEL in node.attrs["Spec"].get("Labels", {}):
+            node.remove(force=True)
+
+
+def _join(here: Any, daemon: Daemon) -> str:
     where = f"{VARIABLE}: {daemon.machine.address}"
     found = daemon.client.info()["Swarm"]
     if found["LocalNodeState"] == NONE:
@@ -63,8 +71,10 @@ def _join(here: Any, daemon: Daemon) -> None:
         node = here.nodes.get(daemon.client.info()["Swarm"]["NodeID"])
         spec = node.attrs["Spec"]
         node.update({**spec, "Labels": {**spec.get("Labels", {}), LABEL: "joined"}})
-    elif found["NodeID"] not in {node.id for node in here.nodes.list()}:
+        return str(node.id)
+    if found["NodeID"] not in {node.id for node in here.nodes.list()}:
         raise UserError(f"{where}: is in another swarm: expected none, or this machine's (docker swarm leave)")
+    return str(found["NodeID"])
 
 
 def _leave(here: Any, daemons: Sequence[Daemon]) -> None:

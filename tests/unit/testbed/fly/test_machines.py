@@ -17,7 +17,7 @@ from testbed.fly.containers import Containers
 from testbed.fly.machines import reach
 from testbed.fly.machines.reach import Daemon
 from testbed.fly.machines.spread import SpreadContainers
-from testbed.fly.machines.swarm import LABEL, joined
+from testbed.fly.machines.swarm import LABEL, forget, joined
 from testbed.plan.machines import Machine
 
 _numbers = itertools.count(1)
@@ -114,8 +114,9 @@ def test_of_a_swarm_that_was_there_only_who_joined_leaves(here: _Docker, there: 
     here.make({})
     member = _Docker()
     member._join([], here)
-    with joined(here, [_daemon("a", there), _daemon("b", member)]):
+    with joined(here, [_daemon("a", there), _daemon("b", member)]) as node_ids:
         assert there.of is member.of is here.of
+        assert node_ids == {"/a": there.node, "/b": member.node}
     assert there.of is None
     assert member.of is here.of is not None
     assert [node.id for node in here._own.nodes] == [here.node, member.node]
@@ -158,6 +159,16 @@ def test_a_machine_that_is_gone_at_the_end_is_named_and_the_others_leave(here: _
     with pytest.raises(DockerError, match=left), joined(here, [_daemon("a", lost), _daemon("b", there)]):
         lost.answers = False
     assert here.of is there.of is None
+
+
+def test_of_machines_that_are_lost_only_who_joined_is_forgotten(here: _Docker, there: _Docker) -> None:
+    here.make({})
+    member = _Docker()
+    member._join([], here)
+    with joined(here, [_daemon("a", there), _daemon("b", member)]) as node_ids:
+        for node_id in node_ids.values():
+            forget(here, node_id)
+        assert [node.id for node in here._own.nodes] == [here.node, member.node]
 
 
 class _There:
