@@ -35,8 +35,8 @@ FOG = 0x22
 class StationBench:
     """A ground station whose fog is this test."""
 
-    def __init__(self, qos: int = 1, registered: bool = True, control: bool = True) -> None:
-        self.role = StationRole("alpha", GS_SESSION, Settings(qos=qos), control=control)
+    def __init__(self, qos: int = 1, registered: bool = True, control: bool = True, bundles: bool = False) -> None:
+        self.role = StationRole("alpha", GS_SESSION, Settings(qos=qos, bundles=bundles), control=control)
         self.now_ms = 10_000
         self.role.add_fogs([1])
         self.subscribes = [e for e in self.role.on_connected("cloud", self.now_ms) if isinstance(e, Subscribe)]
@@ -207,6 +207,27 @@ def test_a_broadcast_has_a_last_word_for_each_drone_of_its_roster() -> None:
     assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
     told = [(o.drone, o.word) for o in bench.until(60_000) if isinstance(o, Outcome)]
     assert told == [(2, Word.UNCONFIRMED)]
+
+
+@pytest.mark.parametrize(("bundles", "first_ms"), [(False, 2000), (True, 3000)])
+def test_a_broadcast_at_qos_0_is_not_asked_for_while_its_words_may_wait(bundles: bool, first_ms: int) -> None:
+    """The roster waits for a second at the activator, a first word for another one at its drone (R10.6, R10.7)."""
+    bench = StationBench(qos=0, bundles=bundles)
+    sent = bench.send(Hold(), drone=None)
+    began_ms = bench.now_ms
+    fields: dict[str, Any] = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
+    assert of(bench.until(began_ms + first_ms - 100), sent.topic) == []
+    bench.hear("commands_result/hold", FogResultMessage(**fields, roster=(RosterEntry(drone=1, session=5),)))
+    heard_ms = bench.now_ms
+    assert of(bench.until(heard_ms + 2900), sent.topic) == []
+    assert [publish.payload for publish in of(bench.until(heard_ms + 3000), sent.topic)] == [sent.payload]
+
+
+@pytest.mark.parametrize(("bundles", "first_ms"), [(False, 2000), (True, 3000)])
+def test_a_broadcast_at_qos_0_that_is_lost_is_asked_for(bundles: bool, first_ms: int) -> None:
+    bench = StationBench(qos=0, bundles=bundles)
+    sent, began_ms = bench.send(Hold(), drone=None), bench.now_ms
+    assert len(of(bench.until(began_ms + first_ms), sent.topic)) == 1
 
 
 def test_a_fogs_denial_ends_a_broadcast() -> None:

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mqttxt.activator.process import ActivatorRunner
-from mqttxt.activator.together import LONGEST, PATIENT, WINDOW_MS, WordsTogether
+from mqttxt.activator.together import LONGEST, PATIENT, WordsTogether
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
-from mqttxt.core.settings import Settings
+from mqttxt.core.settings import TOGETHER_MS, Settings
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.protocol.codec import decode, encode
@@ -92,7 +92,7 @@ def told(effects: list[Any]) -> list[list[tuple[int, Word]]]:
 def broadcast(bench: ActivatorBench, **more: Any) -> None:
     """A broadcast whose roster has left by itself."""
     bench.command(to="commands", **more)
-    (roster,) = later(bench, WINDOW_MS)
+    (roster,) = later(bench, TOGETHER_MS)
     assert decode(FogResultMessage, roster.payload).roster
 
 
@@ -100,9 +100,9 @@ def test_what_comes_within_the_window_leaves_together_at_its_end() -> None:
     bench = three()
     broadcast(bench)
     assert say(bench, 2, Word.ACCEPTED) == []
-    assert bench.role.together_due_ms == bench.now_ms + WINDOW_MS
+    assert bench.role.together_due_ms == bench.now_ms + TOGETHER_MS
     assert later(bench, 20) == say(bench, 1, Word.COMPLETED) == []
-    assert later(bench, WINDOW_MS - 21) == []
+    assert later(bench, TOGETHER_MS - 21) == []
     (publish,) = later(bench, 1)
     assert (publish.topic, publish.qos, publish.retain) == ("fog1/commands_result/arm", 1, False)
     assert told([publish]) == [[(2, Word.ACCEPTED), (1, Word.COMPLETED)]]
@@ -134,7 +134,7 @@ def test_the_next_word_of_a_drone_leaves_in_the_place_of_a_first_word() -> None:
     broadcast(bench)
     for drone, word in ((1, Word.ACCEPTED), (2, Word.ACCEPTED), (1, Word.IN_PROGRESS), (1, Word.COMPLETED)):
         assert say(bench, drone, word) == []
-    assert told(later(bench, WINDOW_MS)) == [[(2, Word.ACCEPTED), (1, Word.COMPLETED)]]
+    assert told(later(bench, TOGETHER_MS)) == [[(2, Word.ACCEPTED), (1, Word.COMPLETED)]]
 
 
 def test_a_first_word_that_tells_of_a_late_write_keeps_its_place() -> None:
@@ -142,7 +142,7 @@ def test_a_first_word_that_tells_of_a_late_write_keeps_its_place() -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED, late_ms=3)
     say(bench, 1, Word.COMPLETED)
-    assert told(later(bench, WINDOW_MS)) == [[(1, Word.ACCEPTED), (1, Word.COMPLETED)]]
+    assert told(later(bench, TOGETHER_MS)) == [[(1, Word.ACCEPTED), (1, Word.COMPLETED)]]
 
 
 def test_a_definite_no_behind_a_first_word_that_it_replaces_is_none() -> None:
@@ -158,7 +158,7 @@ def test_the_roster_leaves_in_front_of_the_first_words() -> None:
     bench = three()
     commands = [effect.topic for effect in bench.command(to="commands") if isinstance(effect, Publish)]
     assert commands == [f"drone{n}/commands" for n in (1, 2, 3)]
-    assert bench.role.together_due_ms == bench.now_ms + WINDOW_MS
+    assert bench.role.together_due_ms == bench.now_ms + TOGETHER_MS
     say(bench, 1, Word.ACCEPTED)
     say(bench, 2, Word.ACCEPTED)
     (publish,) = [effect for effect in say(bench, 3, Word.ACCEPTED) if isinstance(effect, Publish)]
@@ -192,11 +192,11 @@ def test_each_word_keeps_its_session_and_stamps_from_before_the_wait() -> None:
     alone = []
     for bench in (apart, together):
         bench.command(to="commands")
-        later(bench, WINDOW_MS)
+        later(bench, TOGETHER_MS)
         for drone in (1, 3):
             alone += say(bench, drone, Word.COMPLETED, observed=False)
             later(bench, 10)
-    (publish,) = later(together, WINDOW_MS)
+    (publish,) = later(together, TOGETHER_MS)
     words = decode(FogResultMessage, publish.payload)
     assert [word.result(words) for word in words.words or ()] == [
         decode(ResultMessage, one.payload) for one in alone if isinstance(one, Publish)
@@ -207,7 +207,7 @@ def test_one_word_leaves_as_it_ever_did() -> None:
     bench = three()
     broadcast(bench)
     say(bench, 2, Word.ACCEPTED)
-    (publish,) = later(bench, WINDOW_MS)
+    (publish,) = later(bench, TOGETHER_MS)
     assert publish.topic == "fog1/drone2/commands_result/arm"
     assert decode(ResultMessage, publish.payload).word is Word.ACCEPTED
 
@@ -219,7 +219,7 @@ def test_any_other_word_leaves_at_once_with_those_in_front_of_it(word: Word) -> 
     say(bench, 1, Word.ACCEPTED)
     assert told(say(bench, 2, word, reason="x")) == [[(1, Word.ACCEPTED), (2, word)]]
     assert told(say(bench, 3, word, reason="x")) == [[(3, word)]]
-    assert later(bench, WINDOW_MS) == []
+    assert later(bench, TOGETHER_MS) == []
 
 
 @pytest.mark.parametrize("changed", [{}, {"to": "commands", "executor_session": FOG_SESSION + 1}])
@@ -269,7 +269,7 @@ def test_a_duplicate_is_answered_behind_what_waits() -> None:
     first, roster, *said = told(bench.command(to="commands", deadline_ms=deadline_ms))
     assert first == [(1, Word.COMPLETED), (2, Word.ACCEPTED)]
     assert (roster, said) == ([], [[(1, Word.COMPLETED)], [(2, Word.ACCEPTED)]])
-    assert later(bench, WINDOW_MS) == []
+    assert later(bench, TOGETHER_MS) == []
 
 
 def test_the_truth_behind_an_unconfirmed_leaves_behind_what_waits() -> None:
@@ -301,7 +301,7 @@ def test_a_drone_that_starts_anew_and_a_fog_that_is_lost_take_nothing_from_what_
     bench.fog("drone2/reachable", Presence(session=UAV_SESSION + 2, up=False))
     bench.role.on_disconnected("fog", bench.now_ms)
     bench.register(lease_s=0)
-    assert told(later(bench, WINDOW_MS)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
+    assert told(later(bench, TOGETHER_MS)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
 
 
 def test_the_tick_says_what_is_due_too() -> None:
@@ -309,7 +309,7 @@ def test_the_tick_says_what_is_due_too() -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED)
     say(bench, 2, Word.ACCEPTED)
-    assert told(bench.until(bench.now_ms + WINDOW_MS + 100)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
+    assert told(bench.until(bench.now_ms + TOGETHER_MS + 100)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
 
 
 def test_states_that_wait_leave_beside_words() -> None:
@@ -329,7 +329,7 @@ ACTIONS = st.one_of(
     st.tuples(st.just("say"), st.integers(1, 3), st.sampled_from(sorted(PATIENT) * 3 + [*Word]), SEQS),
     st.tuples(st.just("broadcast"), st.sampled_from([Arm(), Hold()]), SEQS),
     st.tuples(st.just("command"), st.integers(1, 3), SEQS),
-    st.tuples(st.just("later"), st.sampled_from([1, 20, WINDOW_MS, 7000])),
+    st.tuples(st.just("later"), st.sampled_from([1, 20, TOGETHER_MS, 7000])),
     st.tuples(st.just("anew"), st.integers(1, 3)),
 )
 
@@ -389,7 +389,7 @@ def test_whatever_happens_all_words_leave_once_in_their_order_and_in_time(action
         said += does(apart, action, deadline_ms)
         left += does(together, action, deadline_ms)
         due_ms = together.role.together_due_ms
-        assert due_ms is None or together.now_ms < due_ms <= together.now_ms + WINDOW_MS
+        assert due_ms is None or together.now_ms < due_ms <= together.now_ms + TOGETHER_MS
     left += together.role.goodbye(together.now_ms)
     whole = taken_apart(said)
     for place in missing(whole, taken_apart(left)):  # a first word in whose place the drone's next one left
@@ -535,7 +535,7 @@ async def test_a_process_does_not_wait_for_its_tick_to_say_what_is_due(monkeypat
         runner.carry_out(together.add("arm", drone, word, alone, start_ms))
     assert left == []
     await eventually(lambda: bool(left), "what waits leaves")
-    assert runner.clock.now_ms() >= start_ms + WINDOW_MS
+    assert runner.clock.now_ms() >= start_ms + TOGETHER_MS
     assert told(left) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Publish
+from ..core.settings import TOGETHER_MS
 from ..protocol.messages import (
     MOST_TOGETHER,
     CommandId,
@@ -20,10 +21,6 @@ from ..protocol.topics import CloudSide
 from ..security.cose import Envelope
 from ..security.together import encode_together
 
-WINDOW_MS = 1000
-"""How long a word or a roster waits at most: drones say yes by heartbeats, which come once per second, and nobody does
-anything else by the yes of some of them.
-"""
 LONGEST = 3000
 """Bytes of a word that leaves with others: as many as may leave together stay below the longest payload."""
 PATIENT = frozenset({Word.ACCEPTED, Word.IN_PROGRESS, Word.COMPLETED})
@@ -122,7 +119,7 @@ class WordsTogether:
 
     def _begin(self, name: str, command_id: CommandId, now_ms: int) -> None:
         if self._id is None:
-            self._name, self._id, self.due_ms = name, command_id, now_ms + WINDOW_MS
+            self._name, self._id, self.due_ms = name, command_id, now_ms + TOGETHER_MS
 
 
 def _is_replaced(word: ResultMessage) -> bool:

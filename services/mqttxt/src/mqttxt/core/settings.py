@@ -17,6 +17,9 @@ QUERY_DEADLINE_MS = 0
 """A deadline that is always past: the relay asks what became of a command that an earlier session may have had."""
 RESEND_FIRST_MS = 2_000
 RESEND_LAST_MS = 16_000
+TOGETHER_MS = 1_000
+"""How long the roster and the words of a broadcast wait for each other at the activator, at most: drones say yes by
+heartbeats, which come once per second, and nobody does anything else by the yes of some of them."""
 NO_MATCHING_SUBSCRIBERS = 0x10
 """MQTT 5 PUBACK reason code: the broker took the message and nobody is there to get it."""
 
@@ -93,6 +96,9 @@ class Retry:
         return cls(now_ms + RESEND_LAST_MS) if qos == 0 else None
 
     @classmethod
-    def of(cls, qos: int, now_ms: int, remaining_ms: int) -> Retry:
-        """QoS 0 asks again after two seconds; at QoS 1 the transport repeats, so not before the deadline."""
-        return cls(now_ms + (RESEND_FIRST_MS if qos == 0 else max(RESEND_FIRST_MS, remaining_ms)))
+    def of(cls, qos: int, now_ms: int, remaining_ms: int, waits_ms: int = 0) -> Retry:
+        """QoS 0 asks again after two seconds; at QoS 1 the transport repeats, so not before the deadline.
+
+        `waits_ms`: how long the answer may wait at who gives it.
+        """
+        return cls(now_ms + (RESEND_FIRST_MS + waits_ms if qos == 0 else max(RESEND_FIRST_MS, remaining_ms)))

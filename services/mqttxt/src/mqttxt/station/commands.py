@@ -11,7 +11,7 @@ from ..core.channel import Channel
 from ..core.clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
 from ..core.effects import Effect, Log, Publish
 from ..core.ledger import KEEP_MS, OVERRIDING
-from ..core.settings import GRACE_MS, Retry
+from ..core.settings import GRACE_MS, TOGETHER_MS, Retry
 from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import BROADCASTABLE, Command, Offboard
 from ..protocol.fields import Scaled
@@ -173,11 +173,16 @@ class StationCommands:
             message.command,
             Publish(LINK, topic, payload, self._settings.qos, expiry_s=expiry_s(ttl_ms)),
             close_at_ms=now_ms + ttl_ms + round(message.limit_s * 1000) + 2 * GRACE_MS,
-            retry=Retry.of(self._settings.qos, now_ms, ttl_ms),
+            retry=Retry.of(self._settings.qos, now_ms, ttl_ms, self._waits_ms(drone, message)),
             roster=None,
         )
         self._open[message.id] = pending
         return pending
+
+    def _waits_ms(self, drone: int | None, message: CommandMessage | SelectMessage) -> int:
+        """How long what the activator says of a command may wait there (R10.6)."""
+        is_broadcast = drone is None and isinstance(message, CommandMessage)
+        return TOGETHER_MS if is_broadcast and self._settings.bundles else 0
 
     def on_result(
         self, fog: FogView, drone: int, result: ResultMessage, now_ms: int, signer: str | None = None
@@ -236,6 +241,8 @@ class StationCommands:
             name = pending.command.name
             return [Outcome(pending.id, fog.number, None, name, Word.DENIED, result.denied, signer=signer)]
         if pending.roster is None and result.roster is not None:
+            if self._settings.qos == 0 and not pending.words:
+                pending.retry = Retry.of(0, now_ms, 0, TOGETHER_MS)
             pending.roster = tuple(entry.drone for entry in result.roster)
             missing = tuple(drone for drone in pending.signed_for if drone not in pending.roster)
             pending.roster += missing  # it was signed for them: whoever holds it back, they may have it
