@@ -18,10 +18,11 @@ keep() ->
 
 begin_watch() ->
     case rabbit:is_running() andalso net_kernel:monitor_nodes(true) of
-        ok -> watch(true, #{});
+        ok -> watch(unknown, #{});
         _ -> timer:sleep(?LOOK_MS), begin_watch()
     end.
 
+%% What `Served` was done last, `unknown` where another process or a RabbitMQ before this one may have done it.
 watch(Served, Lost) ->
     Down = receive
         {nodedown, Node} -> [Node];
@@ -32,20 +33,23 @@ watch(Served, Lost) ->
     Recent = maps:filter(fun(_, Then) -> Now - Then < ?STEADY_MS end, Lost),
     NowLost = maps:merge(Recent, maps:from_keys(Down, Now)),
     Serves = sees_most(maps:keys(NowLost)),
-    rabbit:is_running() andalso turn(Served, Serves),
-    watch(Serves, NowLost).
+    watch(case rabbit:is_running() of true -> turn(Served, Serves); false -> unknown end, NowLost).
 
 sees_most(Lost) ->
     {ok, {Members, _}} = application:get_env(rabbit, cluster_nodes),
     Seen = [Node || Node <- [node() | nodes()] -- Lost, lists:member(Node, Members)],
     2 * length(Seen) > length(Members).
 
+%% What is not done is tried again with the next look.
 turn(true, true) ->
-    ok;
-turn(false, true) ->
-    logger:warning("majority: this node sees most of its cluster, and takes clients"),
-    rabbit_maintenance:is_being_drained_local_read(node()) orelse rabbit_maintenance:resume_all_client_listeners();
+    true;
+turn(Served, true) ->
+    Served =:= false andalso logger:warning("majority: this node sees most of its cluster, and takes clients"),
+    rabbit_maintenance:is_being_drained_local_read(node())
+        orelse rabbit_maintenance:resume_all_client_listeners() =:= ok;
 turn(Served, false) ->
-    Served andalso logger:warning("majority: this node does not see most of its cluster, and takes no clients"),
+    Served =:= false
+        orelse logger:warning("majority: this node does not see most of its cluster, and takes no clients"),
     rabbit_maintenance:suspend_all_client_listeners(),
-    rabbit_mqtt:close_local_client_connections(no_majority).
+    rabbit_mqtt:close_local_client_connections(no_majority),
+    false.
