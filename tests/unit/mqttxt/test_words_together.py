@@ -304,6 +304,18 @@ def test_a_drone_that_starts_anew_and_a_fog_that_is_lost_take_nothing_from_what_
     assert told(later(bench, TOGETHER_MS)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
 
 
+def test_after_hours_of_sleep_what_waits_leaves_in_front_of_what_nobody_heard_of() -> None:
+    bench = three()
+    broadcast(bench)
+    say(bench, 1, Word.COMPLETED)
+    say(bench, 2, Word.ACCEPTED)
+    bench.now_ms += 3 * 3_600_000
+    first, *rest = told(bench.role.tick(bench.now_ms))
+    assert first == [(1, Word.COMPLETED), (2, Word.ACCEPTED)]
+    assert rest == [[(2, Word.UNCONFIRMED)], [(3, Word.UNCONFIRMED)]]
+    assert told(bench.until(bench.now_ms + 3000)) == []
+
+
 def test_the_tick_says_what_is_due_too() -> None:
     bench = three()
     broadcast(bench)

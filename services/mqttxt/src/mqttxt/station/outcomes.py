@@ -29,6 +29,7 @@ class Outcome:
         superseded_by: the id of the command that superseded this one.
         settled: this is the truth that followed an `unconfirmed`, and no last word.
         age_ms: an upper bound of how long ago it was said, in milliseconds; None where the fog's clock is not known.
+            Too small by a multiple of 655,360 where it was first heard that long after it was said, or later.
         observed: false for a `completed` whose effect nobody saw.
         signer: who has signed it, `drone2`, or `fog1` for an activator's own; None where messages are not signed.
         fleet: the name of their fleet, where the station is one of `Fleets`; empty where it is alone.
