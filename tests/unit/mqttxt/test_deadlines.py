@@ -56,7 +56,7 @@ def test_nothing_is_late_or_twice_and_each_command_has_one_last_word(seed: int) 
 def test_where_words_and_rosters_wait_for_others_each_command_has_one_last_word_too(seed: int) -> None:
     """R10.6 and R10.7: processes die, and connections are cut, while something waits."""
     dangers = Dangers(kills_per_s=0.03, cuts_per_s=0.05, dies_between=0.002)
-    judge = Simulation(seed, dangers, qos=seed % 2, bundles=True).live(30)
+    judge = Simulation(seed, dangers, qos=seed % 2, bundles=True).live(40)
     assert judge.violations == {}
     assert judge.counts()["executed"] > 5
 
