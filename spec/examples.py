@@ -10,14 +10,7 @@ import cbor2
 from mqttxt.protocol.bundles import drone_bundle, fog_bundles
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Takeoff
-from mqttxt.protocol.messages import (
-    BeaconMessage,
-    CommandMessage,
-    FogResultMessage,
-    ResultMessage,
-    Word,
-    WordTogether,
-)
+from mqttxt.protocol.messages import BeaconMessage, CommandMessage, FogResultMessage, ResultMessage, Word, WordTogether
 from mqttxt.protocol.readings import ReadingAck, ReadingKey, ReadingMessage
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery, Heading, Location

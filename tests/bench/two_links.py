@@ -95,15 +95,8 @@ async def _flying(two: bool) -> AsyncIterator[tuple[TwoLinkSystem, Drone, Arriva
         system = TwoLinkSystem(Path(name), two_links=two)
         for link, one_way_s in zip(system.links, ONE_WAY_S, strict=True):
             link.one_way_s = one_way_s
-        try:
-            await system.start()
-            async with system.station() as station:
-                (fog,) = await station.connect([1])
-                drone = fog.drone(1)
-                await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is there")
-                yield system, drone, Arrivals(station)
-        finally:
-            await system.close()
+        async with system.flying() as (station, drone):
+            yield system, drone, Arrivals(station)
 
 
 async def _probing(system: TwoLinkSystem, one_way_s: float) -> str:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import asyncio
 import socket
 import subprocess
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt import Drone, GroundStation
+from mqttxt import Drone
 from mqttxt.core.mqtt.sn import packets
 from mqttxt.core.mqtt.sn.packets import Message
 from mqttxt.core.mqtt.sn.topic_ids import TopicIds
@@ -29,23 +26,6 @@ MAVLINK_FRAME = 69
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 
 
-@asynccontextmanager
-async def flying(folder: Path, *options: str, **how: Any) -> AsyncIterator[tuple[AirSystem, GroundStation, Drone]]:
-    """The system, a station, and drone 1, which that controls."""
-    system = AirSystem(folder, *options, **how)
-    try:
-        await system.start()
-        async with system.station() as station:
-            (fog,) = await station.connect([1])
-            drone = fog.drone(1)
-            await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is there")
-            yield system, station, drone
-            assert system.uav.exit_code is None
-            assert system.activator.exit_code is None
-    finally:
-        await system.close()
-
-
 async def up_and_down(system: AirSystem, drone: Drone) -> None:
     """Arm and disarm: the autopilot is told each once."""
     before = system.commanded(ARM)
@@ -56,7 +36,8 @@ async def up_and_down(system: AirSystem, drone: Drone) -> None:
 
 @pytest.mark.parametrize("signed", [False, True])
 async def test_a_flight_over_an_air_that_loses_repeats_and_reorders(tmp_path: Path, signed: bool) -> None:
-    async with flying(tmp_path, signed=signed) as (system, _, drone):
+    system = AirSystem(tmp_path, signed=signed)
+    async with system.flying() as (_, drone):
         system.air.be_bad()
         for _ in range(3):
             await up_and_down(system, drone)
@@ -68,7 +49,8 @@ async def test_a_flight_over_an_air_that_loses_repeats_and_reorders(tmp_path: Pa
 
 
 async def test_a_state_is_smaller_than_a_frame_of_mavlink_and_wireshark_reads_every_packet(tmp_path: Path) -> None:
-    async with flying(tmp_path) as (system, _, drone):
+    system = AirSystem(tmp_path)
+    async with system.flying() as (_, drone):
         await up_and_down(system, drone)
         seen = [data for _, data in system.air.seen]
         states = {
@@ -89,18 +71,8 @@ def shown(folder: Path, datagrams: list[bytes]) -> list[int]:
     subprocess.run(
         ["text2pcap", "-q", "-u", "1883,1883", "-", str(capture)], input=text.encode(), check=True, capture_output=True
     )
-    fields = [
-        "-T",
-        "fields",
-        "-e",
-        "mqttsn.msg.type",
-        "-e",
-        "_ws.malformed",
-        "-e",
-        "mqttsn.msg.len",
-        "-e",
-        "udp.length",
-    ]
+    names = ("mqttsn.msg.type", "_ws.malformed", "mqttsn.msg.len", "udp.length")
+    fields = ["-T", "fields", *(option for name in names for option in ("-e", name))]
     command = ["tshark", "-r", str(capture), "-d", "udp.port==1883,mqttsn", *fields]
     lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     found = []
@@ -112,7 +84,8 @@ def shown(folder: Path, datagrams: list[bytes]) -> list[int]:
 
 
 async def test_a_drone_whose_nat_forgets_it_is_back_and_executes_once(tmp_path: Path) -> None:
-    async with flying(tmp_path) as (system, _, drone):
+    system = AirSystem(tmp_path)
+    async with system.flying() as (_, drone):
         for times in (2, 3):
             system.air.rebind()
             await eventually(partial(system.has_connected, times), "it is connected again")
@@ -121,7 +94,8 @@ async def test_a_drone_whose_nat_forgets_it_is_back_and_executes_once(tmp_path: 
 
 
 async def test_a_drone_or_an_activator_that_is_killed_is_back(tmp_path: Path) -> None:
-    async with flying(tmp_path) as (system, _, drone):
+    system = AirSystem(tmp_path)
+    async with system.flying() as (_, drone):
         await up_and_down(system, drone)
         for process in (system.uav, system.activator):
             process.kill()
@@ -132,7 +106,8 @@ async def test_a_drone_or_an_activator_that_is_killed_is_back(tmp_path: Path) ->
 
 
 async def test_a_cut_ends_no_command_wrongly_and_a_stop_says_down(tmp_path: Path) -> None:
-    async with flying(tmp_path) as (system, _, drone):
+    system = AirSystem(tmp_path)
+    async with system.flying() as (_, drone):
         system.air.cut()
         meanwhile = await drone.arm(ttl_s=1)
         assert meanwhile.word.is_last
@@ -148,24 +123,17 @@ async def test_a_cut_ends_no_command_wrongly_and_a_stop_says_down(tmp_path: Path
 
 
 async def test_the_second_way_may_be_by_tcp(tmp_path: Path) -> None:
-    system = AirSystem(tmp_path)
-    system.uav.with_more("--second-broker", str(system.fog_url))
-    try:
-        await system.start()
-        async with system.station() as station:
-            (fog,) = await station.connect([1])
-            drone = fog.drone(1)
-            await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is there")
-            await up_and_down(system, drone)
-            system.air.cut()
-            await up_and_down(system, drone)
-    finally:
-        await system.close()
+    system = AirSystem(tmp_path, and_tcp=True)
+    async with system.flying() as (_, drone):
+        await up_and_down(system, drone)
+        system.air.cut()
+        await up_and_down(system, drone)
 
 
 async def test_nothing_of_a_stranger_changes_what_a_drone_hears(tmp_path: Path) -> None:
     """What was seen is said again from another port, and garbage from a third."""
-    async with flying(tmp_path) as (system, _, drone):
+    system = AirSystem(tmp_path)
+    async with system.flying() as (_, drone):
         await up_and_down(system, drone)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.connect(("127.0.0.1", system.air_port))

@@ -14,8 +14,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt import Drone, Word
 from mqttxt.security.authority import Authority
 from tests.rigs.flaky_link import DOWN, UP
+from tests.rigs.one_drone import SIGNED, TLS
 from tests.rigs.processes import eventually
-from tests.rigs.two_links import SIGNED, TLS, TwoLinkSystem, Watch
+from tests.rigs.two_links import TwoLinkSystem, Watch
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -25,23 +26,13 @@ GONE_S = 3.0
 
 
 @asynccontextmanager
-async def flying(
-    folder: Path, mode: str = "", *, with_second: bool = True, **how: Any
-) -> AsyncIterator[tuple[TwoLinkSystem, Drone, Watch]]:
+async def flying(folder: Path, mode: str = "", **how: Any) -> AsyncIterator[tuple[TwoLinkSystem, Drone, Watch]]:
     """The system, its drone 1, which a station controls, and what that hears: no second last word."""
     system = TwoLinkSystem(folder, mode, **how)
-    try:
-        await system.start(with_second=with_second)
-        async with system.station() as station:
-            (fog,) = await station.connect([1])
-            drone, watch = fog.drone(1), Watch(station)
-            await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is there")
-            yield system, drone, watch
-            assert watch.doubled == []
-            assert system.uav.exit_code is None
-            assert system.activator.exit_code is None
-    finally:
-        await system.close()
+    async with system.flying() as (station, drone):
+        watch = Watch(station)
+        yield system, drone, watch
+        assert watch.doubled == []
 
 
 async def up_and_down(system: TwoLinkSystem, drone: Drone) -> None:
@@ -132,7 +123,7 @@ async def test_both_links_cut_and_back(tmp_path: Path) -> None:
 
 
 async def test_a_second_broker_that_comes_up_late_is_a_second_link(tmp_path: Path) -> None:
-    async with flying(tmp_path, with_second=False) as (system, drone, watch):
+    async with flying(tmp_path, has_second=False) as (system, drone, watch):
         await up_and_down(system, drone)
         system.second.start()
         await system.connected_again(2, 0)

@@ -9,9 +9,7 @@ from typing import Any
 
 from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
-from tests.rigs.mqtt_server import (
-    Server,
-)
+from tests.rigs.mqtt_server import Server
 from tests.rigs.processes import eventually
 
 RECEIVE_MAXIMUM_2 = b"\x21\x00\x02"

@@ -8,22 +8,12 @@ from typing import Any
 from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm
-from mqttxt.protocol.messages import (
-    Presence,
-    ResultMessage,
-    Word,
-)
+from mqttxt.protocol.messages import Presence, ResultMessage, Word
 from mqttxt.security.cose import Envelope
 from mqttxt.security.seal import Seal
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.signing import seal
-from tests.simulation.world import (
-    GS_SESSION,
-    UAV_SESSION,
-    World,
-    command_payload,
-    results,
-)
+from tests.simulation.world import GS_SESSION, UAV_SESSION, World, command_payload, results
 
 OTHER_SESSION = 0x77
 

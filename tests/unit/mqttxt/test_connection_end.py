@@ -17,13 +17,7 @@ from mqttxt.core.mqtt.client import CONNECT_THREAD
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
 from mqttxt.errors import BrokerRefused
 from tests.rigs.linked import RECEIVE_MAXIMUM_2, WITH_WILL, Heard, linked, state
-from tests.rigs.mqtt_server import (
-    CONNECT,
-    DISCONNECT,
-    PUBLISH,
-    Server,
-    publish,
-)
+from tests.rigs.mqtt_server import CONNECT, DISCONNECT, PUBLISH, Server, publish
 from tests.rigs.processes import eventually
 
 

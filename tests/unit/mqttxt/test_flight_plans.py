@@ -8,16 +8,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.protocol.commands import (
-    Arm,
-    ClearPlan,
-    Hold,
-    Pause,
-    Resume,
-    SetCurrentItem,
-    StartMission,
-    UploadPlan,
-)
+from mqttxt.protocol.commands import Arm, ClearPlan, Hold, Pause, Resume, SetCurrentItem, StartMission, UploadPlan
 from mqttxt.protocol.messages import Word
 from mqttxt.protocol.plans import PLAN, PlanItem, PlanList, PlanObject, list_hash
 from mqttxt.protocol.states import Mission

@@ -14,9 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import ConfigurationError, FlightLog, LogProgress, TransferFailed
-from mqttxt.drone.log_work import (
-    BLOCK_BYTES,
-)
+from mqttxt.drone.log_work import BLOCK_BYTES
 from mqttxt.drone.logs import reader
 from mqttxt.drone.logs.files import LogFiles
 from mqttxt.drone.logs.reader import MOST_BYTES_S, MOST_MESSAGES, WAY_MS

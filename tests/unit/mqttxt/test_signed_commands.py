@@ -30,15 +30,7 @@ from tests.simulation.signed import (
     word,
 )
 from tests.simulation.signing import seal
-from tests.simulation.world import (
-    FOG_SESSION,
-    GS_SESSION,
-    UAV_SESSION,
-    World,
-    ack,
-    command_payload,
-    heartbeat,
-)
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, ack, command_payload, heartbeat
 
 # Commands and their words, all the way.
 

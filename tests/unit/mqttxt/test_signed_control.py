@@ -33,15 +33,7 @@ from tests.simulation.signed import (
     to_drone,
 )
 from tests.simulation.signing import seal
-from tests.simulation.world import (
-    FOG_SESSION,
-    GS_SESSION,
-    UAV_SESSION,
-    World,
-    heartbeat,
-    landed,
-    position,
-)
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, heartbeat, landed, position
 
 # Registrations, control, leases, grants.
 

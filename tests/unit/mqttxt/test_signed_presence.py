@@ -19,35 +19,16 @@ from mqttxt.core.transport import Transport
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Goto, Hold, Offboard, Velocity
-from mqttxt.protocol.messages import (
-    BeaconMessage,
-    FogPresence,
-    Presence,
-    Word,
-)
+from mqttxt.protocol.messages import BeaconMessage, FogPresence, Presence, Word
 from mqttxt.protocol.rankings import PsmiMessage, SelectMode
 from mqttxt.protocol.values import Encoding
 from mqttxt.security.addressed import Addressed
 from mqttxt.security.cose import Envelope
 from mqttxt.station.ground_station import GroundStation
 from tests.examples import examples
-from tests.simulation.signed import (
-    kinds,
-    last_sent,
-    outcomes,
-    said,
-    to_drone,
-)
+from tests.simulation.signed import kinds, last_sent, outcomes, said, to_drone
 from tests.simulation.signing import seal
-from tests.simulation.world import (
-    FOG_SESSION,
-    GS_SESSION,
-    UAV_SESSION,
-    World,
-    heartbeat,
-    landed,
-    position,
-)
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, heartbeat, landed, position
 
 # Births, presence, beacons.
 

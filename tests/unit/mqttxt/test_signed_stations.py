@@ -31,27 +31,9 @@ from mqttxt.security.seal import MOST_CERTIFICATES, Seal
 from mqttxt.station.outcomes import Outcome
 from mqttxt.station.role import StationRole
 from tests.simulation.carrying import reading
-from tests.simulation.signed import (
-    OTHER_SESSION,
-    hear,
-    kinds,
-    meet,
-    outcomes,
-    said,
-    signed_command,
-    to_drone,
-    word,
-)
+from tests.simulation.signed import OTHER_SESSION, hear, kinds, meet, outcomes, said, signed_command, to_drone, word
 from tests.simulation.signing import ALL, authority, folder, seal
-from tests.simulation.world import (
-    FOG_SESSION,
-    GS_SESSION,
-    UAV_SESSION,
-    World,
-    heartbeat,
-    landed,
-    position,
-)
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, heartbeat, landed, position
 
 
 def test_nobody_uses_another_stations_session(world: World) -> None:

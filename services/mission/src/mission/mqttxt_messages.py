@@ -6,20 +6,7 @@ import asyncio
 import logging
 from pathlib import Path
 
-from mqttxt import (
-    Arm,
-    Armed,
-    Command,
-    Drone,
-    Land,
-    MqttxtError,
-    Offboard,
-    StateUpdate,
-    Stream,
-    Takeoff,
-    Velocity,
-    Word,
-)
+from mqttxt import Arm, Armed, Command, Drone, Land, MqttxtError, Offboard, StateUpdate, Stream, Takeoff, Velocity, Word
 
 from .events import EventLog
 from .fleet import MissionError, Result, Told

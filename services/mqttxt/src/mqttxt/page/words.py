@@ -9,14 +9,7 @@ from ..core.printable import printable
 from ..protocol.messages import Word
 from ..protocol.names import in_fleet
 from ..protocol.rankings import Candidate
-from ..protocol.words import (
-    CERTIFICATE_EXPIRED,
-    NO_DEADLINE,
-    NOT_ALLOWED,
-    NOT_AUDITED,
-    NOT_IN_CONTROL,
-    NOT_SIGNED,
-)
+from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_IN_CONTROL, NOT_SIGNED
 from ..station.outcomes import Outcome, PsmiList
 
 WORDS = {

@@ -12,16 +12,7 @@ from functools import lru_cache
 from typing import ClassVar
 
 from ..errors import PayloadError
-from .names import (
-    MAX_DRONE,
-    MAX_SENSOR,
-    NAME,
-    NUMBER,
-    check_kind,
-    check_number,
-    check_prefix,
-    check_station_name,
-)
+from .names import MAX_DRONE, MAX_SENSOR, NAME, NUMBER, check_kind, check_number, check_prefix, check_station_name
 
 _NAME = re.compile(NAME)
 

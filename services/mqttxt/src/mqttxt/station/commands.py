@@ -15,14 +15,7 @@ from ..core.settings import GRACE_MS, TOGETHER_MS, Retry
 from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import BROADCASTABLE, Command, Offboard
 from ..protocol.fields import Scaled
-from ..protocol.messages import (
-    CommandId,
-    CommandMessage,
-    FogResultMessage,
-    Limit,
-    ResultMessage,
-    Word,
-)
+from ..protocol.messages import CommandId, CommandMessage, FogResultMessage, Limit, ResultMessage, Word
 from ..protocol.rankings import PsmiMessage, SelectMessage, SelectMode
 from ..protocol.topics import SELECTABLE
 from ..protocol.values import mark_of

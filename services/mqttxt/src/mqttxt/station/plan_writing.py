@@ -7,14 +7,7 @@ from typing import Any
 
 from ..errors import PayloadError
 from ..protocol.plans import PlanItem, PlanObject
-from .plan_reading import (
-    EXCLUSION_CIRCLE,
-    FENCE_RETURN,
-    INCLUSION_CIRCLE,
-    INCLUSION_VERTEX,
-    MISSION_FRAME,
-    RELATIVE,
-)
+from .plan_reading import EXCLUSION_CIRCLE, FENCE_RETURN, INCLUSION_CIRCLE, INCLUSION_VERTEX, MISSION_FRAME, RELATIVE
 
 _PX4, _MULTICOPTER = 12, 2
 """MAV_AUTOPILOT and MAV_TYPE that QGroundControl plans with where no vehicle is connected."""

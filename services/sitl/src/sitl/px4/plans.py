@@ -8,17 +8,7 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..plan_link import (
-    ACCEPTED,
-    CANCELLED,
-    ERROR,
-    NO_SPACE,
-    UNSUPPORTED,
-    WRONG_FRAME,
-    PlanLink,
-    Upload,
-    ack,
-)
+from ..plan_link import ACCEPTED, CANCELLED, ERROR, NO_SPACE, UNSUPPORTED, WRONG_FRAME, PlanLink, Upload, ack
 from ..plans import FENCE, LISTS, MISSION, RALLY, Item, Partner
 
 _ABSOLUTE = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
