@@ -23,7 +23,7 @@ OF_OPEN_BROKERS = {f"test_attacks[{attack.__name__}]" for attack in test_attacks
 
 
 def test_every_table_is_read() -> None:
-    assert len(ATTACKS) >= 50
+    assert len(ATTACKS) >= 35
 
 
 def test_each_attack_on_an_open_broker_has_a_row() -> None:
