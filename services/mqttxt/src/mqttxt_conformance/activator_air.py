@@ -18,20 +18,7 @@ from mqttxt.protocol.topics import CloudSide, FogSide
 
 from . import datagrams as wire
 from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit, ActivatorTarget
-from .datagrams import (
-    CLEAN,
-    DUP,
-    NORMAL,
-    PREDEFINED,
-    QOS_1,
-    RETAIN,
-    TOGETHER,
-    WILL,
-    Address,
-    AirLine,
-    Packet,
-    ids_of,
-)
+from .datagrams import CLEAN, DUP, NORMAL, PREDEFINED, QOS_1, RETAIN, TOGETHER, WILL, Address, AirLine, Packet, ids_of
 from .fake_drone import FakeDrone
 from .registry import RULES, Broken, Finding, check_all, expect, rule, unmet
 from .subject import Subject
