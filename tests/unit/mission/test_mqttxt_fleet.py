@@ -263,3 +263,23 @@ async def test_a_step_bounds_its_commands_so_that_their_last_words_come_within_i
     limits_s = fleet._fogs[1].limits_s  # type: ignore[attr-defined]
     assert limits_s == {"arm": Arm.limit_s, "land": 90}, "its own, where that is shorter"
     assert told_s > TTL_S + 90 + 2 * GRACE_MS / 1000, "when a station's library closes a command"
+
+
+async def test_a_word_about_a_fog_as_a_whole_is_that_of_each_of_its_drones(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(self: Fog, command: Command, drones: tuple[int, ...]) -> Iterable[Outcome]:
+        about = (None,) if self.number == 1 else drones
+        for drone in about:
+            word = Word.UNCONFIRMED if drone is None else Word.COMPLETED
+            yield Outcome(CommandId(1, 1), self.number, drone, command.name, word, "no_roster")
+
+    monkeypatch.setattr(mqttxt_fleet, "GroundStation", Station({}))
+    monkeypatch.setattr(Fog, "answer", lost)
+    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(Path("/dev/null"), StringIO()))
+    await fleet.connect(5)
+    results = await fleet.land()
+    await fleet.close()
+    assert [str(result) for result in results if not result.completed] == [
+        "drone 1: unconfirmed (no_roster)",
+        "drone 2: unconfirmed (no_roster)",
+    ]
+    assert [result.drone for result in results] == [1, 2, 4]

@@ -229,16 +229,17 @@ class MqttxtFleet:
     async def _follow(
         self, fog: Fog, drone: int | None, command: Command, send: Callable[..., AsyncIterable[Outcome]]
     ) -> list[Result]:
-        """A call and its words; `drone` None for all of the fog."""
+        """A call and its words; `drone` None for all of the fog, as is a last word's about the fog as a whole."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
-        results = []
+        wanted, results = self._wanted[fog.number], dict[int, Result]()
         limit_s = command.limit_s if self._limit_s is None else min(self._limit_s, command.limit_s)
         async for outcome in send(command, ttl_s=TTL_S, limit_s=limit_s):
             self._note(call, outcome)
-            if outcome.is_last and outcome.drone in self._wanted[fog.number]:
-                results.append(Result(outcome.drone, outcome.word.label, outcome.reason))
-        return results
+            if outcome.is_last:
+                for one in wanted if outcome.drone is None else (outcome.drone,):
+                    results.setdefault(one, Result(one, outcome.word.label, outcome.reason))
+        return [result for one, result in results.items() if one in wanted]
 
     def _note(self, call: int, outcome: Outcome) -> None:
         about = (call, outcome.command, outcome.fog, outcome.drone)
