@@ -17,6 +17,7 @@ FIGURES = (
     "signing",
     "bytes_apiece",
     "bytes_fleet",
+    "word_budget",
     "two_links",
     "deadlines",
     "sitl_cpu",

@@ -1,8 +1,9 @@
 """What commands and words cost on each link of a series: `python -m tests.bench.words results/scenario-1/latest`.
 
 A frame's headers are shared by the messages in it, by their bytes. An acknowledgement belongs to what it acknowledges:
-a PUBACK to the PUBLISH of its packet id, a bare acknowledgement of TCP to the frames that had come and that nothing had
-acknowledged. In TLS messages cannot be told apart by their frames; such a series is refused.
+a PUBACK to the messages of its packet id, several in a datagram of MQTT-SN; a bare acknowledgement of TCP to the
+frames that had come and that nothing had acknowledged. In TLS messages cannot be told apart by their frames; such a
+series is refused.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mqttxt.core.mqtt.sn import packets
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import FogResultMessage, ResultMessage
@@ -100,8 +102,8 @@ def share_acknowledgements(frames: Iterable[Frame]) -> None:
     """
     whole = list(frames)
     waiting: dict[str, list[Frame]] = defaultdict(list)
-    published: dict[tuple[str, int], Message] = {}
-    acknowledged: list[tuple[Message, Message]] = []
+    published: dict[tuple[str, int], list[Message]] = {}
+    acknowledged: list[tuple[list[Message], Message]] = []
     for frame in whole:
         back = ">".join(reversed(frame.flow.split(">")))
         came = [f for f in waiting[back] if f.left_ns is not None and f.left_ns <= frame.entered_ns]
@@ -111,13 +113,14 @@ def share_acknowledgements(frames: Iterable[Frame]) -> None:
         total = sum(message.size for f in came for message in f.messages)
         for message in (message for f in came for message in f.messages if not frame.messages):
             message.cost.tcp_acks += frame.size * message.size / total
+        sure = [message for message in frame.messages if message.packet == _PUBLISH and message.mid]
+        published |= {(frame.flow, mid): [m for m in sure if m.mid == mid] for mid in {m.mid for m in sure}}
         for message in frame.messages:
-            if message.packet == _PUBLISH and message.mid:
-                published[frame.flow, message.mid] = message
-            elif message.packet == _PUBACK and (back, message.mid) in published:
+            if message.packet == _PUBACK and (back, message.mid) in published:
                 acknowledged.append((published.pop((back, message.mid)), message))
-    for publish, puback in acknowledged:
-        publish.cost.pubacks += puback.cost.size
+    for publishes, puback in acknowledged:
+        for publish in publishes:
+            publish.cost.pubacks += puback.cost.size / len(publishes)
 
 
 def _what(purpose: str, topic: str | None, body: bytes | None) -> str:
@@ -135,19 +138,19 @@ def _what(purpose: str, topic: str | None, body: bytes | None) -> str:
 
 def _frames(attempt: Attempt) -> Iterator[Frame]:
     """The frames of the mission, with what is in them. Raises ResultsError."""
-    packets = load(attempt)
-    window = mission_window(attempt, attempt.events(), packets)
+    seen = load(attempt)
+    window = mission_window(attempt, attempt.events(), seen)
     if window is None:
         raise ResultsError(f"{attempt.path}: no mission")
     window = replace(window, end_ns=window.end_ns + _AFTER_NS)
-    if int(packets.frames["tls"].sum()):
+    if int(seen.frames["tls"].sum()):
         raise ResultsError(f"{attempt.path}: flown in TLS; expected SECURITY=none")
     data = {path.stem: read_capture(path).data for path in (attempt.path / "pcap").glob("*.pcap")}
     messages: dict[int, list[dict[str, Any]]] = defaultdict(list)
-    for number, row in enumerate(packets.messages.filter(window.entered).iter_rows(named=True)):
+    for number, row in enumerate(seen.messages.filter(window.entered).iter_rows(named=True)):
         messages[row["frame"]].append({**row, "number": number})
     found: dict[int, list[Message]] = {}
-    kept = packets.frames.with_row_index("row").filter(window.entered)
+    kept = seen.frames.with_row_index("row").filter(window.entered)
     for row in kept.iter_rows(named=True):
         stage, headers = row["link"].split(":")[0], row["ethernet"] + row["ip"] + row["transport"]
         own = []
@@ -156,7 +159,9 @@ def _frames(attempt: Attempt) -> Iterator[Frame]:
             payload = len(told["body"] or b"") if told["protocol"] == "mqtt" else told["bytes"]
             what = (stage, _what(told["purpose"], told["topic"], told["body"]))
             packet, mid = (0, 0)
-            if told["protocol"] == "mqtt" and at is not None:
+            if row["protocol"] == "mqttsn" and at is not None:
+                packet, mid = _datagram(data[row["node"]][at : row["offset"] + row["size"]])
+            elif told["protocol"] == "mqtt" and at is not None:
                 packet, mid = _packet(data[row["node"]], at)
                 at += told["bytes"]
             is_own = told["purpose"] in ("command", "result")
@@ -176,6 +181,13 @@ def _packet(data: Any, at: int) -> tuple[int, int]:
     if kind == _PUBLISH:
         at += 2 + (int(data[at]) << 8 | int(data[at + 1]))
     return kind, int(data[at]) << 8 | int(data[at + 1]) if qos or kind == _PUBACK else 0
+
+
+def _datagram(data: Any) -> tuple[int, int]:
+    """The same of a datagram of MQTT-SN."""
+    packet = packets.decode(bytes(data))
+    kinds = {packets.Message: _PUBLISH, packets.Puback: _PUBACK}
+    return (kinds[type(packet)], packet.msg_id) if isinstance(packet, packets.Message | packets.Puback) else (0, 0)
 
 
 def costs(attempt: Attempt) -> dict[tuple[str, str], Cost]:

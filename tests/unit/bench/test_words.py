@@ -54,3 +54,9 @@ def test_a_puback_with_its_own_acknowledgement_belongs_to_its_publish() -> None:
     shared(frame(DOWN, 0, command), frame(DOWN, 1, other), frame(UP, 10, puback), frame(DOWN, 20))
     assert command.cost.pubacks == 64 + 60
     assert other.cost.pubacks == 0
+
+
+def test_one_puback_of_a_datagram_belongs_to_all_of_its_messages() -> None:
+    one, other, puback = message(30, mid=7), message(40, mid=7), message(8, packet=PUBACK, mid=7)
+    shared(frame(UP, 0, one, other), frame(DOWN, 10, puback))
+    assert one.cost.pubacks == other.cost.pubacks == (8 + 60) / 2
