@@ -5,17 +5,21 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 
+from mqttxt import Drone
 from tests.rigs.container import Container
+from tests.rigs.either_autopilot import flight_of
 from tests.rigs.fleets import TwoFleets
 from tests.rigs.gateway import Client, Ground
 from tests.rigs.live_page import LivePage
 from tests.rigs.processes import Broker, System
+from tests.rigs.real_flights import Flight
 from tests.rigs.served_page import Served
 from tests.rigs.shaped_link import ShapedLink
 
@@ -50,31 +54,22 @@ def _logs(arguments: Iterable[Any]) -> dict[str, str]:
 @pytest.fixture
 def system(tmp_path: Path) -> Iterator[System]:
     """Two drones on one fog, at QoS 1."""
-    made = System(tmp_path)
-    try:
+    with closing(System(tmp_path)) as made:
         yield made.start()
-    finally:
-        made.close()
 
 
 @pytest.fixture(scope="module")
 def shared_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     """The same, for all tests of a file."""
-    made = System(tmp_path_factory.mktemp("system"))
-    try:
+    with closing(System(tmp_path_factory.mktemp("system"))) as made:
         yield made.start()
-    finally:
-        made.close()
 
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoFleets]:
     """The fleets `acme` and `acme/eu` in one cloud, for all tests of a file."""
-    made = TwoFleets(tmp_path_factory.mktemp("fleets"))
-    try:
+    with closing(TwoFleets(tmp_path_factory.mktemp("fleets"))) as made:
         yield made.start()
-    finally:
-        made.close()
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +97,20 @@ def link() -> Iterator[ShapedLink]:
         made.down()
 
 
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
+    """A real PX4 with its UAV client, fog and cloud, for all tests of a file."""
+    with flight_of("px4", tmp_path_factory.mktemp("flight")) as made:
+        yield made
+
+
+@pytest.fixture
+async def drone(flight: Flight) -> AsyncIterator[Drone]:
+    """The drone of `flight`, under a station's control."""
+    async with flight.drone() as drone:
+        yield drone
+
+
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Broker]:
     """A real Mosquitto."""
@@ -114,11 +123,8 @@ def broker(tmp_path: Path) -> Iterator[Broker]:
 
 @pytest.fixture
 def ground(tmp_path: Path) -> Iterator[Ground]:
-    system = Ground(tmp_path)
-    try:
+    with closing(Ground(tmp_path)) as system:
         yield system.start()
-    finally:
-        system.close()
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -30,12 +30,6 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
     autopilot = Copter(folder)
     with Flight(folder, autopilot, CopterPilot(autopilot.pilots_port)) as made:
         yield made
-
-
-@pytest.fixture
-async def drone(flight: Flight) -> AsyncIterator[Drone]:
-    async with flight.drone() as drone:
-        yield drone
 
 
 async def test_every_command_is_flown_and_it_flies_again_after_a_landing(flight: Flight, drone: Drone) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,8 @@ FAULTS: dict[str, tuple[Callable[[Cluster, str], None], Callable[[Cluster, str],
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    found = Cluster(tmp_path_factory.mktemp("cluster"))
-    try:
+    with closing(Cluster(tmp_path_factory.mktemp("cluster"))) as found:
         yield found.start()
-    finally:
-        found.close()
 
 
 @pytest.fixture

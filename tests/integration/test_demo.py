@@ -34,11 +34,8 @@ ELSEWHERE = pytest.mark.soak(
 
 @pytest.fixture
 def demo(tmp_path: Path) -> Iterator[Demonstration]:
-    made = Demonstration(tmp_path)
-    try:
+    with contextlib.closing(Demonstration(tmp_path)) as made:
         yield made
-    finally:
-        made.close()
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -39,11 +40,8 @@ class TwoAuthorities:
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoAuthorities]:
-    made = TwoAuthorities(tmp_path_factory.mktemp("authorities"))
-    try:
+    with closing(TwoAuthorities(tmp_path_factory.mktemp("authorities"))) as made:
         yield made.start()
-    finally:
-        made.close()
 
 
 def station(at: SecureSystem, prefix: str, of: SecureSystem, name: str) -> GroundStation:

@@ -40,11 +40,8 @@ def link(request: pytest.FixtureRequest) -> FarLink:
 
 @pytest.fixture
 def ground(tmp_path: Path, link: FarLink) -> Iterator[Ground]:
-    system = Ground(tmp_path, link=link)
-    try:
+    with contextlib.closing(Ground(tmp_path, link=link)) as system:
         yield system.start()
-    finally:
-        system.close()
 
 
 class Calls:

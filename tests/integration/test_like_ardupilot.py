@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -20,11 +21,8 @@ ON_GROUND = LandedState(Landed.ON_GROUND)
 
 @pytest.fixture(scope="module")
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    made = System(tmp_path_factory.mktemp("system"), like="ardupilot")
-    try:
+    with closing(System(tmp_path_factory.mktemp("system"), like="ardupilot")) as made:
         yield made.start()
-    finally:
-        made.close()
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -14,7 +13,7 @@ from mqttxt.protocol.plans import PLAN, PlanItem, PlanObject
 from mqttxt.station.transfers import Staging
 from tests.rigs.commanding import armable, fly, start
 from tests.rigs.processes import eventually
-from tests.rigs.px4 import FOLDER, HOLD, Px4, Px4Pilot
+from tests.rigs.px4 import FOLDER, HOLD
 from tests.rigs.real_flights import HOME, Flight
 
 pytestmark = [
@@ -72,20 +71,6 @@ AWAY = Plan(
         rally=(),
     )
 )
-
-
-@pytest.fixture(scope="module")
-def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
-    folder = tmp_path_factory.mktemp("flight")
-    autopilot = Px4(folder)
-    with Flight(folder, autopilot, Px4Pilot(autopilot.pilots_port)) as made:
-        yield made
-
-
-@pytest.fixture
-async def drone(flight: Flight) -> AsyncIterator[Drone]:
-    async with flight.drone() as drone:
-        yield drone
 
 
 async def upload(drone: Drone, plan: Plan) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Iterator
 
 import pytest
 
 from mqttxt import Arm, Command, Disarm, Drone, Goto, Hold, Land, Offboard, Outcome, Return, Takeoff, Velocity, Word
 from tests.rigs.commanding import armable, fly, is_armable, start
 from tests.rigs.processes import eventually
-from tests.rigs.px4 import FOLDER, HOLD, LAND, OFFBOARD, RETURN, TAKEOFF, Px4, Px4Pilot
+from tests.rigs.px4 import FOLDER, HOLD, LAND, OFFBOARD, RETURN, TAKEOFF
 from tests.rigs.real_flights import HOME, Flight
 
 pytestmark = [
@@ -30,20 +29,6 @@ FLIGHTS: dict[str, tuple[Command, tuple[int, int]]] = {
     "return": (Return(), RETURN),
     "offboard": (SOUTHWARDS, OFFBOARD),
 }
-
-
-@pytest.fixture(scope="module")
-def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
-    folder = tmp_path_factory.mktemp("flight")
-    autopilot = Px4(folder)
-    with Flight(folder, autopilot, Px4Pilot(autopilot.pilots_port)) as made:
-        yield made
-
-
-@pytest.fixture
-async def drone(flight: Flight) -> AsyncIterator[Drone]:
-    async with flight.drone() as drone:
-        yield drone
 
 
 async def _begin(flight: Flight, drone: Drone, name: str) -> tuple[list[Outcome], asyncio.Task[None]]:

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -26,21 +27,15 @@ ALTITUDE_M = 8
 @pytest.fixture(params=[1, 0], ids=["qos1", "qos0"])
 def fleet(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
     """Two drones on one fog, at either QoS."""
-    made = System(tmp_path, qos=request.param)
-    try:
+    with closing(System(tmp_path, qos=request.param)) as made:
         yield made.start()
-    finally:
-        made.close()
 
 
 @pytest.fixture
 def silent(tmp_path: Path) -> Iterator[System]:
     """The same, of which nothing runs: neither a broker nor an activator."""
-    made = System(tmp_path)
-    try:
+    with closing(System(tmp_path)) as made:
         yield made
-    finally:
-        made.close()
 
 
 async def _collect(stream: Any, heard: list[Outcome]) -> None:

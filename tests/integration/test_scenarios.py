@@ -6,6 +6,7 @@ import asyncio
 import json
 import socket
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -106,11 +107,8 @@ class SensorSystem(System):
 
 @pytest.fixture
 def system(tmp_path: Path, low_fleet: Path) -> Iterator[SensorSystem]:
-    made = SensorSystem(tmp_path, low_fleet)
-    try:
+    with closing(SensorSystem(tmp_path, low_fleet)) as made:
         yield made.start()
-    finally:
-        made.close()
 
 
 class Sensors:

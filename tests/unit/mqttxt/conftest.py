@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -18,11 +19,8 @@ from tests.simulation.world import World
 def disk(tmp_path: Path) -> Iterator[SmallDisk]:
     folder = tmp_path / "small"
     folder.mkdir()
-    small = SmallDisk(folder)
-    try:
+    with closing(SmallDisk(folder)) as small:
         yield small
-    finally:
-        small.close()
 
 
 @pytest.fixture

@@ -38,6 +38,12 @@ TAKE = Request(REQUEST_OPERATOR_CONTROL, (1.0, 1.0, 10.0, 255.0, 0.0, 0.0, 0.0))
 GIVE = Request(REQUEST_OPERATOR_CONTROL, (0.0, 0.0, 0.0, 255.0, 0.0, 0.0, 0.0))
 
 
+def disarmed(group: Any, **how: Any) -> Bench:
+    made = Bench(group, **how)
+    made.states = (Airframe(PX4, 2), Armed(False))
+    return made
+
+
 async def test_a_command_is_in_progress_until_it_is_accepted_and_its_last_word_is_a_text(group: Any) -> None:
     bench = Bench(group)
     client = bench.client()
@@ -106,8 +112,7 @@ async def test_a_hold_by_mode_is_acknowledged_once_and_never_in_progress(group: 
 
 async def test_a_hold_before_arming_is_accepted_within_a_second_and_the_arm_waits_for_it(group: Any) -> None:
     """MAVSDK's arm() enters HOLD first behind a mission; its process ends where that is not accepted within 2 s."""
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, HOLD)
     bench.pass_time(950)
@@ -127,8 +132,7 @@ async def test_a_hold_before_arming_is_accepted_within_a_second_and_the_arm_wait
 @pytest.mark.parametrize("word", [Word.EXPIRED, Word.UNCONFIRMED, Word.DENIED])
 async def test_a_drone_that_did_not_hold_before_arming_is_not_armed(group: Any, word: Word) -> None:
     """It might fly the mission in whose mode it still is."""
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, HOLD)
     bench.pass_time(1000)
@@ -142,8 +146,7 @@ async def test_a_drone_that_did_not_hold_before_arming_is_not_armed(group: Any, 
 
 
 async def test_of_a_hold_before_arming_that_others_command_an_arm_does_not_wait(group: Any) -> None:
-    bench = Bench(group, take_over=True)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group, take_over=True)
     await bench.ask(bench.client(), HOLD)
     await bench.ask(bench.client("mavsdk", 245), ARM)
     assert bench.drone.commands == [Hold(), Arm()]
@@ -153,8 +156,7 @@ async def test_a_hold_of_a_client_that_is_not_alive_keeps_no_arm_waiting(
     group: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "HEARTBEAT_S", 0.01)
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     bench.now_ms += 5000
     await bench.ask(client, HOLD)
@@ -270,8 +272,7 @@ async def test_what_the_station_does_not_send_is_a_no(group: Any) -> None:
 
 
 async def test_a_takeoff_waits_for_its_clients_arming(group: Any) -> None:
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
     assert (bench.acks(), bench.drone.sent) == ([(22, ACCEPTED)], [])
@@ -288,8 +289,7 @@ async def test_a_takeoff_waits_for_its_clients_arming(group: Any) -> None:
 
 async def test_a_takeoff_right_behind_an_arm_waits_for_it_and_flies(group: Any) -> None:
     """MAVSDK's arm() returns once that is accepted, and takeoff() comes before a heartbeat shows the drone armed."""
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, ARM)
     await bench.say(Word.ACCEPTED)
@@ -303,8 +303,7 @@ async def test_a_takeoff_right_behind_an_arm_waits_for_it_and_flies(group: Any) 
 
 
 async def test_behind_an_arm_that_fails_a_takeoff_is_denied_by_the_drone(group: Any) -> None:
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, ARM)
     await bench.ask(client, TAKEOFF)
@@ -315,8 +314,7 @@ async def test_behind_an_arm_that_fails_a_takeoff_is_denied_by_the_drone(group: 
 
 
 async def test_a_takeoff_behind_an_arm_is_given_up_for_a_newer_command(group: Any) -> None:
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     for request in (ARM, TAKEOFF, LAND):
         await bench.ask(client, request)
@@ -326,8 +324,7 @@ async def test_a_takeoff_behind_an_arm_is_given_up_for_a_newer_command(group: An
 
 
 async def test_an_arm_that_was_completed_counts_for_more_than_an_older_state(group: Any) -> None:
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     for wait_ms, flies in ((100, True), (3100, False)):
         bench.drone.sent.clear()
@@ -342,8 +339,7 @@ async def test_an_arm_that_was_completed_counts_for_more_than_an_older_state(gro
 
 
 async def test_a_takeoff_that_nobody_arms_for_is_given_up(group: Any) -> None:
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
     bench.pass_time(10_100)
@@ -356,8 +352,7 @@ async def test_a_takeoff_that_nobody_arms_for_is_given_up(group: Any) -> None:
 
 async def test_another_clients_arming_or_another_command_gives_a_kept_takeoff_up(group: Any) -> None:
     for other, request in (("script", ARM), ("qgc", LAND)):
-        bench = Bench(group, take_over=True)
-        bench.states = (Airframe(PX4, 2), Armed(False))
+        bench = disarmed(group, take_over=True)
         client = bench.client()
         await bench.ask(client, TAKEOFF)
         await bench.ask(client if other == "qgc" else bench.client(other, 245), request)
@@ -368,8 +363,7 @@ async def test_another_clients_arming_or_another_command_gives_a_kept_takeoff_up
 
 
 async def test_a_command_during_the_arming_gives_the_takeoff_up(group: Any) -> None:
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
     await bench.ask(client, ARM)
@@ -380,8 +374,7 @@ async def test_a_command_during_the_arming_gives_the_takeoff_up(group: Any) -> N
 
 
 async def test_where_the_arming_fails_there_is_no_takeoff(group: Any) -> None:
-    bench = Bench(group)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
     await bench.ask(client, ARM)
@@ -537,8 +530,7 @@ async def taken(bench: Bench) -> None:
 
 
 async def test_a_takeoff_behind_an_arm_does_not_take_the_drone_back_from_another_station(group: Any) -> None:
-    bench = Bench(group, take_over=True)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group, take_over=True)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
     await bench.ask(client, ARM)
@@ -549,8 +541,7 @@ async def test_a_takeoff_behind_an_arm_does_not_take_the_drone_back_from_another
 
 
 async def test_a_takeoff_that_waits_for_an_arm_is_given_up_where_another_station_takes_the_drone(group: Any) -> None:
-    bench = Bench(group, take_over=True)
-    bench.states = (Airframe(PX4, 2), Armed(False))
+    bench = disarmed(group, take_over=True)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
     await taken(bench)
