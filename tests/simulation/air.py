@@ -126,7 +126,7 @@ class AirLink:
         self.sim.counted.append((kind, detail))
 
     def _tick(self) -> None:
-        self.machine.tick(self.sim.now_s)
+        self._do(lambda: self.machine.tick(self.sim.now_s))
 
     def _due_s(self) -> float:
         return inf if self.is_closed else self.machine.due_s()
