@@ -11,7 +11,7 @@ from mqttxt.core.settings import Settings
 from mqttxt.drone.answers import Unfinished
 from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.commands import Arm, Goto, Hold
+from mqttxt.protocol.commands import Arm, Command, Goto, Hold
 from mqttxt.protocol.control import DroneRecord, Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
@@ -213,20 +213,22 @@ def test_a_broadcast_has_a_last_word_for_each_drone_of_its_roster() -> None:
 def test_a_broadcast_at_qos_0_is_not_asked_for_while_its_words_may_wait(bundles: bool, first_ms: int) -> None:
     """The roster waits for a second at the activator, a first word for another one at its drone (R10.6, R10.7)."""
     bench = StationBench(qos=0, bundles=bundles)
-    sent = bench.send(Hold(), drone=None)
+    sent = bench.send(Arm(), drone=None)
     began_ms = bench.now_ms
     fields: dict[str, Any] = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
     assert of(bench.until(began_ms + first_ms - 100), sent.topic) == []
-    bench.hear("commands_result/hold", FogResultMessage(**fields, roster=(RosterEntry(drone=1, session=5),)))
+    bench.hear("commands_result/arm", FogResultMessage(**fields, roster=(RosterEntry(drone=1, session=5),)))
     heard_ms = bench.now_ms
     assert of(bench.until(heard_ms + 2900), sent.topic) == []
     assert [publish.payload for publish in of(bench.until(heard_ms + 3000), sent.topic)] == [sent.payload]
 
 
-@pytest.mark.parametrize(("bundles", "first_ms"), [(False, 2000), (True, 3000)])
-def test_a_broadcast_at_qos_0_that_is_lost_is_asked_for(bundles: bool, first_ms: int) -> None:
+@pytest.mark.parametrize(
+    ("command", "bundles", "first_ms"), [(Arm(), False, 2000), (Arm(), True, 3000), (Hold(), True, 2000)]
+)
+def test_a_broadcast_at_qos_0_that_is_lost_is_asked_for(command: Command, bundles: bool, first_ms: int) -> None:
     bench = StationBench(qos=0, bundles=bundles)
-    sent, began_ms = bench.send(Hold(), drone=None), bench.now_ms
+    sent, began_ms = bench.send(command, drone=None), bench.now_ms
     assert len(of(bench.until(began_ms + first_ms), sent.topic)) == 1
 
 

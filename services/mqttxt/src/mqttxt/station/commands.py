@@ -175,7 +175,8 @@ class StationCommands:
     def _waits_ms(self, drone: int | None, message: CommandMessage | SelectMessage) -> int:
         """How long what the activator says of a command may wait there (R10.6)."""
         is_broadcast = drone is None and isinstance(message, CommandMessage)
-        return TOGETHER_MS if is_broadcast and self._settings.bundles else 0
+        is_urgent = isinstance(message.command, OVERRIDING)
+        return TOGETHER_MS if is_broadcast and self._settings.bundles and not is_urgent else 0
 
     def on_result(
         self, fog: FogView, drone: int, result: ResultMessage, now_ms: int, signer: str | None = None
@@ -234,7 +235,7 @@ class StationCommands:
             name = pending.command.name
             return [Outcome(pending.id, fog.number, None, name, Word.DENIED, result.denied, signer=signer)]
         if pending.roster is None and result.roster is not None:
-            if self._settings.qos == 0 and not pending.words:
+            if self._settings.qos == 0 and not pending.words and not isinstance(pending.command, OVERRIDING):
                 pending.retry = Retry.of(0, now_ms, 0, TOGETHER_MS)
             pending.roster = tuple(entry.drone for entry in result.roster)
             missing = tuple(drone for drone in pending.signed_for if drone not in pending.roster)
