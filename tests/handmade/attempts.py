@@ -124,10 +124,15 @@ def make_attempt(series: Series, number: int = 1, dropped: int = 0, **changed: A
     return attempt
 
 
+def called(t_ns: int, call: int, command: str, drone: int | None = None, fog: int | None = 1) -> dict[str, Any]:
+    """A mission's event: a command to a drone, or with None to a whole fog."""
+    return {"t_ns": t_ns, "event": "command", "call": call, "command": command, "fog": fog, "drone": drone}
+
+
 def _write_events(attempt: Attempt, later: int) -> None:
     events = [
         {"t_ns": T0 - 1000, "event": "mission_start", "scenario": "scenario-1", "drones": [1]},
-        {"t_ns": T0 - 500, "event": "command", "call": 1, "command": "arm", "fog": 1, "drone": None},
+        called(T0 - 500, 1, "arm"),
         *(
             {
                 **{"t_ns": T0 + after, "event": "outcome", "call": 1, "command": "arm", "fog": 1, "drone": 1},

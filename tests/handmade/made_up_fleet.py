@@ -13,6 +13,8 @@ from testbed.fly.daemon import Usage
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.overrides import compose_files
 
+HERE = {"commit": "c0ffee", "dirty": False}
+"""The revision of what is here."""
 SHAPER = {"shaper": "nfqueue", "why": "the kernel has no netem"}
 
 

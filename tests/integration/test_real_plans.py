@@ -14,7 +14,8 @@ from mqttxt.station.transfers import Staging
 from tests.rigs.commanding import armable, fly, start
 from tests.rigs.processes import eventually
 from tests.rigs.px4 import FOLDER, HOLD
-from tests.rigs.real_flights import HOME, Flight
+from tests.rigs.real_flights import Flight
+from tests.simulation.plan_items import HOME, METRES, place, plain
 
 pytestmark = [
     pytest.mark.integration,
@@ -24,19 +25,7 @@ pytestmark = [
 ]
 
 KIND = AUTOPILOTS[mavlink.MAV_AUTOPILOT_PX4]
-METRE_1E7 = 1e7 / 111_195
 UP_M = 12.0
-
-
-def place(command: int, north_m: float, east_m: float, up_m: float, *params: float | None) -> PlanItem:
-    x, y = round(HOME[0] * 1e7 + north_m * METRE_1E7), round(HOME[1] * 1e7 + east_m * METRE_1E7 * 1.4775)
-    return PlanItem(
-        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, command, (*params, *[0.0] * (4 - len(params))), x, y, up_m, True
-    )
-
-
-def plain(command: int, *params: float) -> PlanItem:
-    return PlanItem(mavlink.MAV_FRAME_MISSION, command, (*params, *[0.0] * (4 - len(params))), 0, 0, 0.0, True)
 
 
 def survey(items: int) -> tuple[PlanItem, ...]:
@@ -137,7 +126,7 @@ async def test_a_takeoff_elsewhere_is_reached_at_its_place(flight: Flight, drone
     await eventually(lambda: reached(drone, AWAY) >= 1, "the takeoff's item is reached", 60)
     known = drone.location
     assert known is not None
-    assert (known.state.longitude_deg - HOME[1]) * 1e7 / METRE_1E7 / 1.4775 > AWAY_M - 10
+    assert (known.state.longitude_deg * 1e7 - HOME[1]) / METRES[1] > AWAY_M - 10
     await flown
     assert heard[-1].word is Word.COMPLETED
 

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Drone, Word
 from mqttxt.security.authority import Authority
-from tests.rigs.flaky_link import DOWN, UP
+from mqttxt_conformance.relay import DOWN, UP
 from tests.rigs.one_drone import SIGNED, TLS
 from tests.rigs.processes import eventually
 from tests.rigs.two_links import TwoLinkSystem, Watch

@@ -15,7 +15,8 @@ from mqttxt.protocol.plans import MOST_ITEMS, PLAN, PlanList, PlanObject
 from mqttxt.station.transfers import Fetching
 from sitl.personalities import PERSONALITIES
 from tests.simulation.flight import Flight
-from tests.unit.mqttxt.test_flight_plans import ROUND_TRIP, SQUARE, UP, mission_hash, stage, upload
+from tests.simulation.plan_items import ROUND_TRIP, SQUARE, UP
+from tests.unit.mqttxt.test_flight_plans import mission_hash, stage, upload
 
 pytestmark = pytest.mark.long
 

@@ -10,36 +10,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.protocol.commands import Arm, ClearPlan, Hold, Pause, Resume, SetCurrentItem, StartMission, UploadPlan
 from mqttxt.protocol.messages import Word
-from mqttxt.protocol.plans import PLAN, PlanItem, PlanList, PlanObject, list_hash
+from mqttxt.protocol.plans import PLAN, PlanList, PlanObject, list_hash
 from mqttxt.protocol.states import Mission
 from mqttxt.station.transfers import Fetching, Staging
 from sitl.personalities import PERSONALITIES
 from tests.simulation.flight import Flight
+from tests.simulation.plan_items import BACK, FENCE, RALLY, ROUND_TRIP, SQUARE, UP, place
 
 pytestmark = pytest.mark.long
-
-RELATIVE, ABOVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, 12.0
-HOME = (473_977_420, 85_455_940)
-
-
-def place(command: int, north_m: float, east_m: float, up_m: float, *params: float | None) -> PlanItem:
-    x, y = HOME[0] + round(north_m / 0.0111319), HOME[1] + round(east_m / 0.0075353)
-    return PlanItem(RELATIVE, command, (*params, *[0.0] * (4 - len(params))), x, y, up_m, True)
-
-
-def plain(command: int, *params: float) -> PlanItem:
-    return PlanItem(mavlink.MAV_FRAME_MISSION, command, (*params, *[0.0] * (4 - len(params))), 0, 0, 0.0, True)
-
-
-UP = place(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, ABOVE, 0, 0, 0, None)
-SQUARE = tuple(place(mavlink.MAV_CMD_NAV_WAYPOINT, *at, ABOVE) for at in ((30, 0), (30, 30), (0, 30)))
-BACK = plain(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-FENCE = tuple(
-    place(mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, *at, 0, 4)
-    for at in ((-200, -200), (200, -200), (200, 200), (-200, 200))
-)
-RALLY = (place(mavlink.MAV_CMD_NAV_RALLY_POINT, 20, 0, 15),)
-ROUND_TRIP = PlanObject(mission=(UP, *SQUARE, BACK), fence=FENCE, rally=RALLY)
 
 
 @pytest.fixture(params=PERSONALITIES)

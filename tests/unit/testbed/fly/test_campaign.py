@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from testbed.cli import campaign as campaign_cli
 from testbed.cli.commands import app
 from testbed.errors import DockerError, UserError
-from testbed.fly import manifest, resume, runner
+from testbed.fly import manifest, resume
 from testbed.fly.campaign import run
 from testbed.fly.campaign.estimate import Durations, in_words
 from testbed.fly.campaign.run import fly_all, job_of
@@ -29,19 +29,13 @@ from testbed.plan.experiments import ARMS, EXPERIMENTS, Plan
 from testbed.plan.fleets import FLEET_FILE
 from testbed.plan.profiles.reading import profile_names
 from tests.handmade.finished import both, count_attempts, finished
-from tests.handmade.made_up_fleet import CALIBRATED, Fleet, Quiet
+from tests.handmade.made_up_fleet import HERE, Fleet, Quiet
 from tests.handmade.pages import sketched_papers
 
-HERE = {"commit": "c0ffee", "dirty": False}
 SMALL = Wish(attempts="2", experiments="scenario-3", arms="thesis,direct", profiles="ideal")
 
 
-@pytest.fixture(autouse=True)
-def _flights(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Links are as planned, what is here is a revision without changes."""
-    monkeypatch.setattr(runner, "calibrate", lambda *_: CALIBRATED)
-    for module in (manifest, resume):
-        monkeypatch.setattr(module, "revision", lambda: HERE)
+pytestmark = pytest.mark.usefixtures("made_up")
 
 
 Flown = list[tuple[str, str, int]]

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from testbed.errors import ContainerDied, DockerError, TestbedError, UserError
-from testbed.fly import manifest, resume, runner
+from testbed.fly import resume
 from testbed.fly.campaign import worker
 from testbed.fly.campaign.pushing import Arrived, Store
 from testbed.fly.campaign.run import Steps, name_of
@@ -25,18 +25,17 @@ from testbed.fly.runner import Begun, run_series
 from testbed.fly.validity import Verdict
 from testbed.plan.experiments import Plan
 from tests.handmade.finished import count_attempts
-from tests.handmade.made_up_fleet import CALIBRATED, Fleet, Quiet
+from tests.handmade.made_up_fleet import HERE, Fleet, Quiet
 
-HERE = {"commit": "c0ffee", "dirty": False}
 (PLAN,) = plans_of(Wish(experiments="scenario-3", arms="thesis", profiles="ideal"))
 NAME = name_of(PLAN)
 
 
+pytestmark = pytest.mark.usefixtures("made_up")
+
+
 @pytest.fixture(autouse=True)
-def _flights(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "calibrate", lambda *_: CALIBRATED)
-    for module in (manifest, resume, worker):
-        monkeypatch.setattr(module, "revision", lambda: HERE)
+def _named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MACHINE", "lab-1")
 
 

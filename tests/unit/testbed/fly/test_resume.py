@@ -7,22 +7,14 @@ from typing import Any
 
 import pytest
 
-from testbed.fly import manifest, resume, runner
+from testbed.fly import resume
 from testbed.fly.results import METRICS, Series, new_series, read_json, write_json
 from testbed.fly.resume import begun_of, given_up, has_amount, is_measured, next_number, otherwise, settle, to_fly
 from testbed.fly.runner import run_series
 from testbed.plan.experiments import Plan, make_plan
-from tests.handmade.made_up_fleet import CALIBRATED, Fleet, Quiet
+from tests.handmade.made_up_fleet import HERE, Fleet, Quiet
 
-HERE = {"commit": "c0ffee", "dirty": False}
-
-
-@pytest.fixture(autouse=True)
-def _flights(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Links are as planned, and what is here is a revision without changes."""
-    monkeypatch.setattr(runner, "calibrate", lambda *_: CALIBRATED)
-    monkeypatch.setattr(manifest, "revision", lambda: HERE)
-    monkeypatch.setattr(resume, "revision", lambda: HERE)
+pytestmark = pytest.mark.usefixtures("made_up")
 
 
 def plan_of(attempts: int = 2, **changed: Any) -> Plan:

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common
 
 from testbed.fly.results import Series
 from testbed.numbers.metrics import measure_series
-from tests.handmade.attempts import SECOND, T0, make_attempt
+from tests.handmade.attempts import SECOND, T0, called, make_attempt
 from tests.handmade.mavlink_attempts import (
     HOP,
     MS,
@@ -26,10 +26,6 @@ pytestmark = pytest.mark.long
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 SEEN = 2 * HOP + HOP // 2
 """From leaving the one end to the capture of the last link at the other."""
-
-
-def call(number: int, name: str, drone: int, t_ns: int) -> dict[str, Any]:
-    return {"t_ns": t_ns, "event": "command", "call": number, "command": name, "fog": 1, "drone": drone}
 
 
 def measured(
@@ -50,7 +46,7 @@ def test_every_number_of_a_tiny_attempt(series: Series) -> None:
     chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
     chain.send(T0 + SECOND, packed(drone, HEARTBEAT), 1, up=True)
     chain.send(T0 + 2 * SECOND, packed(drone, HEARTBEAT), 1, up=True, lost_on="gs")
-    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)])
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])
 
     assert found["mission_s"] == 9.0
     heartbeat, command = 14 + 20 + 8 + 12 + 9, 14 + 20 + 8 + 12 + 32  # the confirmation's zero is not sent
@@ -94,7 +90,7 @@ def test_what_a_router_drops_is_not_what_a_link_loses(series: Series) -> None:
         until = "cloud" if number in (1, 3) else None
         lost_on = "fog1" if number == 4 else None
         chain.send(T0 + (number + 1) * SECOND, packed(drone, HEARTBEAT), 1, up=True, until=until, lost_on=lost_on)
-    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)])
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])
     dropped = {(entry["node"], entry["way"]): entry for entry in found["mavlink"]["routers"]}
     assert dropped["cloud", "up"] == {"node": "cloud", "way": "up", "in": 4, "out": 2, "dropped": 2}
     assert dropped["fog1", "up"] == {"node": "fog1", "way": "up", "in": 4, "out": 4, "dropped": 0}
@@ -108,7 +104,7 @@ def test_a_drop_shows_although_the_same_bytes_come_again_after_256_messages(seri
     for number, until in enumerate((None, "cloud", None)):
         drone.seq = 7
         chain.send(T0 + (number + 1) * SECOND, packed(drone, HEARTBEAT), 1, up=True, until=until)
-    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)])
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])
     assert found["mavlink"]["routers"][0]["dropped"] == 1
     assert (found["states_sent"], found["message_loss"]["states"]) == (3, pytest.approx(1 / 3))
 
@@ -125,7 +121,7 @@ def test_a_shared_router_owes_what_names_no_target_to_every_neighbour(
     chain.send(T0 + 2 * SECOND, again, 1, up=False)
     chain.send(T0 + 2 * SECOND + 2 * HOP, again, 2, up=False, since="fog1")
     chain.send(T0 + 2 * SECOND + 2 * HOP, again, 3, up=False, since="fog1")
-    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)], routers=routers)
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)], routers=routers)
     assert found["mavlink"]["routers"][3] == {"node": "fog1", "way": "down", "in": 3, "out": 5, "dropped": dropped}
 
 
@@ -133,7 +129,7 @@ def test_the_routers_own_heartbeats_are_told_apart(series: Series) -> None:
     chain, station, router = Chain(), sender(245, 190), sender(231, 191)
     chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
     chain.send(T0 + SECOND, packed(router, HEARTBEAT, version_1=True), 1, up=True, until="fog1")
-    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)])
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])
     assert found["mavlink"]["own_heartbeats"] == 1
     assert found["mavlink"]["streams"] == []
     assert found["states_sent"] == 0
@@ -152,8 +148,12 @@ def test_repetitions_belong_to_their_call_and_its_first_copy_counts(series: Seri
     chain.send(T0 + 4 * SECOND, packed(station, mode), 1, up=False)
     chain.send(T0 + 5 * SECOND, packed(station, goto), 1, up=False)
     chain.send(T0 + 6 * SECOND, packed(station, long_command(512, 1, 242.0)), 1, up=False)  # belongs to no call
-    calls = [call(1, "arm", 1, T0 - 500), call(2, "arm", 2, T0 + 2 * SECOND - 500), call(3, "goto", 1, T0 + 4 * SECOND)]
-    found = measured(series, chain, [*calls, call(4, "land", 1, T0 + 7 * SECOND)])
+    calls = [
+        called(T0 - 500, 1, "arm", 1),
+        called(T0 + 2 * SECOND - 500, 2, "arm", 2),
+        called(T0 + 4 * SECOND, 3, "goto", 1),
+    ]
+    found = measured(series, chain, [*calls, called(T0 + 7 * SECOND, 4, "land", 1)])
     assert (found["commands_sent"], found["message_loss"]["commands"]) == (4, 0.5)
     assert found["frames_per_call"] == {"arm": 2.0, "goto": 2.0, "land": 0.0}
     assert found["delay_ms"] == {"arm": [(arm[1] - arm[0] + SEEN) / MS], "goto": [SEEN / MS]}
@@ -163,7 +163,7 @@ def test_the_same_command_called_again_is_a_call_of_its_own(series: Series) -> N
     chain, station = Chain(), sender(245, 190)
     for number in range(2):
         chain.send(T0 + number * SECOND, packed(station, long_command(400, 1, 1.0)), 1, up=False)
-    calls = [call(number, "arm", 1, T0 + number * SECOND - 500) for number in range(2)]
+    calls = [called(T0 + number * SECOND - 500, number, "arm", 1) for number in range(2)]
     found = measured(series, chain, calls)
     assert found["frames_per_call"] == {"arm": 1.0}
     assert found["delay_ms"] == {"arm": [SEEN / MS] * 2}
@@ -174,7 +174,7 @@ def test_a_message_that_shares_its_datagram_answers_for_its_part_of_the_frame(se
     chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
     other = common.MAVLink_system_time_message(1, 1)  # 9 bytes of payload, as the heartbeat
     chain.send(T0 + SECOND, packed(drone, HEARTBEAT) + packed(drone, other), 1, up=True)
-    streams = measured(series, chain, [call(1, "arm", 1, T0 - 500)])["mavlink"]["streams"]
+    streams = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])["mavlink"]["streams"]
     assert [(stream["name"], stream["bytes"]) for stream in streams] == [("HEARTBEAT", 42), ("SYSTEM_TIME", 42)]
 
 
@@ -183,7 +183,7 @@ def test_streams_have_the_rates_at_which_they_were_sent(series: Series, direct: 
     chain, station = Chain((1, 4), direct=direct), sender(245, 190)
     chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
     fill_streams(chain, 2.0, {"ATTITUDE": 20, "VFR_HUD": 10})
-    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)], disarmed_s=2.0)
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)], disarmed_s=2.0)
     rates = {stream["name"]: (stream["count"], stream["rate_hz"]) for stream in found["mavlink"]["streams"]}
     assert rates == {"ATTITUDE": (80, 20.0), "VFR_HUD": (40, 10.0)}
     assert (found["states_sent"], found["message_loss"]["states"]) == (40, 0.0)
@@ -195,7 +195,7 @@ def test_both_sides_give_ratios(series: Series) -> None:
     make_attempt(series)  # 7 packets, 575 bytes, 9 s
     chain, station = Chain(), sender(245, 190)
     chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
-    measured(series, chain, [call(1, "arm", 1, T0 - 500)], disarmed_s=4.5)
+    measured(series, chain, [called(T0 - 500, 1, "arm", 1)], disarmed_s=4.5)
     ratios = measure_series(series)["ratios"]
     assert ratios == {"packets": round(3 / 7, 4), "size": round(3 * 86 / 575, 4), "mission": 0.5}
 
@@ -214,7 +214,7 @@ def test_what_a_drones_own_queue_dropped_shows_in_its_sequence_numbers(series: S
         for number, sequence in enumerate(sequences):
             link.seq = sequence
             chain.send(T0 + (number + 1) * SECOND, packed(link, HEARTBEAT), drone, up=True)
-    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)])
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])
     assert found["mavlink"]["unsent"] == {"1": 2}
     assert found["notes"] == [
         "messages dropped before they entered a link, by sequence numbers, of unknown kinds: 2 of drone 1"

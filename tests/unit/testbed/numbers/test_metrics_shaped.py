@@ -16,7 +16,7 @@ from mqttxt.protocol.states import Battery
 from mqttxt.protocol.values import Encoding
 from testbed.fly.results import Attempt, Series, new_series, write_json
 from testbed.numbers.metrics import measure_series
-from tests.handmade.attempts import SECOND, T0, arm_command, frame, make_attempt, publish, write_pcap
+from tests.handmade.attempts import SECOND, T0, arm_command, called, frame, make_attempt, publish, write_pcap
 from tests.handmade.mavlink_attempts import HOP, MS, Chain, long_command, make_mavlink_attempt, packed, sender
 
 pytestmark = pytest.mark.long
@@ -55,10 +55,6 @@ def mission(chain: Chain, calls: list[dict[str, Any]], end_s: float = 10.0) -> l
     start = {"t_ns": T0 - SECOND, "event": "mission_start", "scenario": "scenario-1", "drones": list(chain.drones)}
     end = {"t_ns": T0 + int(end_s * SECOND), "event": "mission_end", "status": "completed", "reason": None}
     return [start, *calls, end]
-
-
-def call(name: str, t_ns: int, number: int = 1, drone: int = 1) -> dict[str, Any]:
-    return {"t_ns": t_ns, "event": "command", "call": number, "command": name, "fog": 1, "drone": drone}
 
 
 def test_without_a_shaper_the_cause_of_a_loss_is_unknown(series: Series) -> None:
@@ -127,7 +123,7 @@ def test_a_shaper_that_did_not_keep_up_makes_both_attempts_of_the_number_void(se
     write_links(attempt, counters=counters("the emulator did not keep up: 31.0 ms late at p99"))
     chain = Chain()
     chain.send(T0, packed(sender(245, 190), long_command(400, 1, 1.0)), 1, up=False)
-    make_mavlink_attempt(series, 1, chain, mission(chain, [call("arm", T0 - 500)]), 9.0)
+    make_mavlink_attempt(series, 1, chain, mission(chain, [called(T0 - 500, 1, "arm", 1)]), 9.0)
     make_attempt(series, number=2)
     sides = measure_series(series)["protocols"]
     late = "the emulator did not keep up: 31.0 ms late at p99"
@@ -256,7 +252,7 @@ def test_load_is_what_crosses_each_drones_air_link_second_by_second(series: Seri
     chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
     for drone, at in ((1, SECOND), (1, SECOND + MS), (4, 3 * SECOND)):
         chain.send(T0 + at, packed(sender(drone), HEARTBEAT), drone, up=True)
-    make_mavlink_attempt(series, 1, chain, mission(chain, [call("arm", T0 - 500)]), 3.5)
+    make_mavlink_attempt(series, 1, chain, mission(chain, [called(T0 - 500, 1, "arm", 1)]), 3.5)
     found = measured(series, "mavlink")
     heartbeat, command = 63, 86
     assert found["load"] == {
@@ -276,7 +272,7 @@ def test_messages_are_counted_by_name_and_drone(series: Series) -> None:
     links = {drone: sender(drone) for drone in (1, 2)}
     for drone, lost_on in ((1, None), (1, "gs"), (2, None)):
         chain.send(T0 + SECOND, packed(links[drone], BATTERY), drone, up=True, lost_on=lost_on)
-    calls = [call("arm", T0 - 500), call("arm", T0 + MS - 500, 2, 2), call("land", T0 + 2 * SECOND, 3)]
+    calls = [called(T0 - 500, 1, "arm", 1), called(T0 + MS - 500, 2, "arm", 2), called(T0 + 2 * SECOND, 3, "land", 1)]
     make_mavlink_attempt(series, 1, chain, mission(chain, calls), 9.0)
     messages = measured(series, "mavlink")["messages"]
     none = {"sent": 1, "lost": 0, "open": 0}
@@ -307,7 +303,7 @@ def test_a_state_that_was_under_way_when_the_captures_ended_is_open_and_not_lost
     chain.send(T0 + SECOND, packed(drone, HEARTBEAT), 1, up=True)  # takes two and a half hops
     chain.send(T0 + 2 * SECOND, packed(drone, HEARTBEAT), 1, up=True, lost_on="gs")
     chain.send(T0 + 10 * SECOND - HOP, packed(drone, HEARTBEAT), 1, up=True, lost_on="cloud")
-    make_mavlink_attempt(series, 1, chain, mission(chain, [call("arm", T0 - 500)]), 10.0)
+    make_mavlink_attempt(series, 1, chain, mission(chain, [called(T0 - 500, 1, "arm", 1)]), 10.0)
     mode = measured(series, "mavlink")["messages"]["states"]["flight_mode"]
     assert (mode["sent"], mode["lost"], mode["open"]) == (3, 1, 1)
 

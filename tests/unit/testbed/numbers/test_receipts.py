@@ -6,13 +6,10 @@ from typing import Any
 
 from testbed.numbers.metrics.delays import receipts
 from testbed.numbers.metrics.window import Window
+from tests.handmade.attempts import called
 
 WINDOW = Window(start_ns=0, end_ns=1_000, asked_ns=0)
 FOGS = {1: [1, 2]}
-
-
-def call(t_ns: int, number: int, command: str, drone: int | None = None) -> dict[str, Any]:
-    return {"t_ns": t_ns, "event": "command", "call": number, "command": command, "fog": 1, "drone": drone}
 
 
 def last_word(t_ns: int, number: int, drone: int) -> dict[str, Any]:
@@ -25,32 +22,32 @@ def got(arrived_ns: int, command: int, *params: float) -> dict[str, Any]:
 
 def test_each_drone_of_a_broadcast_gets_it_once() -> None:
     flights = {"uav1": [got(20, 22)], "uav2": [got(21, 22)]}
-    events = [call(10, 1, "takeoff"), last_word(50, 1, 1), last_word(50, 1, 2)]
+    events = [called(10, 1, "takeoff"), last_word(50, 1, 1), last_word(50, 1, 2)]
     assert receipts(events, flights, FOGS, WINDOW) == {"calls": 2, "doubled": 0, "late": 0}
 
 
 def test_what_comes_again_is_doubled_and_what_comes_behind_the_last_word_is_late() -> None:
     flights = {"uav1": [got(20, 22), got(30, 22), got(60, 22)], "uav2": []}
-    events = [call(10, 1, "takeoff", 1), last_word(50, 1, 1)]
+    events = [called(10, 1, "takeoff", 1), last_word(50, 1, 1)]
     assert receipts(events, flights, FOGS, WINDOW) == {"calls": 1, "doubled": 2, "late": 1}
 
 
 def test_the_same_command_called_again_is_not_doubled() -> None:
     flights = {"uav1": [got(20, 22), got(120, 22)]}
-    events = [call(10, 1, "takeoff", 1), last_word(50, 1, 1), call(100, 2, "takeoff", 1)]
+    events = [called(10, 1, "takeoff", 1), last_word(50, 1, 1), called(100, 2, "takeoff", 1)]
     assert receipts(events, flights, FOGS, WINDOW) == {"calls": 2, "doubled": 0, "late": 0}
 
 
 def test_another_command_of_the_same_number_is_another() -> None:
     """Disarming is MAV_CMD 400 too."""
     flights = {"uav1": [got(20, 400, 1.0), got(60, 400, 0.0)]}
-    assert receipts([call(10, 1, "arm", 1)], flights, FOGS, WINDOW) == {"calls": 1, "doubled": 0, "late": 0}
+    assert receipts([called(10, 1, "arm", 1)], flights, FOGS, WINDOW) == {"calls": 1, "doubled": 0, "late": 0}
 
 
 def test_where_no_autopilot_logs_commands_nothing_is_known() -> None:
-    assert receipts([call(10, 1, "arm", 1)], {"uav1": [], "uav2": []}, FOGS, WINDOW) is None
+    assert receipts([called(10, 1, "arm", 1)], {"uav1": [], "uav2": []}, FOGS, WINDOW) is None
 
 
 def test_a_call_that_reached_nobody_is_neither() -> None:
     flights = {"uav1": [got(20, 400, 1.0)], "uav2": []}
-    assert receipts([call(10, 1, "arm")], flights, FOGS, WINDOW) == {"calls": 2, "doubled": 0, "late": 0}
+    assert receipts([called(10, 1, "arm")], flights, FOGS, WINDOW) == {"calls": 2, "doubled": 0, "late": 0}
