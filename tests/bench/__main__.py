@@ -23,6 +23,7 @@ FIGURES = (
     "sitl_cpu",
     "analysis",
     "emulator",
+    "net_limit",
     "start",
     "page",
     "load",
