@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from ...bootstrap.images import NODE
 from ...errors import ContainerDied, DockerError, FleetError
 from ...plan.experiments import Plan
 from ...plan.fleet import Fleet
@@ -20,7 +21,6 @@ from .overlays import ROUTERS, Carrier, make_overlays, remove_overlays
 from .reach import Daemon, reached
 from .swarm import forget, joined
 
-IMAGE = "mqttxt-testbed/node:latest"
 FETCHED = "sitl"
 """What the nodes on other machines write into the run folder there."""
 MISSION = "mission: "
@@ -34,7 +34,7 @@ def containers_on(plan: Plan) -> Iterator[Callable[..., Containers]]:
 
     Raises UserError for a machine that cannot be used, DockerError where one could not be left as it was.
     """
-    with reached(plan.machines, IMAGE) as daemons:
+    with reached(plan.machines, NODE) as daemons:
         here = connect_docker()
         with contextlib.closing(here), joined(here, daemons) as node_ids:
             yield functools.partial(SpreadContainers, daemons, node_ids)
@@ -105,7 +105,7 @@ class SpreadContainers(Containers):
         make_overlays(self._client, self._fleet, self._nodes)
         volumes = volumes_of(self._fleet)
         with ThreadPoolExecutor(len(self._carriers)) as pool:
-            list(pool.map(lambda carrier: carrier.start(IMAGE, volumes), self._carriers.values()))
+            list(pool.map(lambda carrier: carrier.start(NODE, volumes), self._carriers.values()))
         fleet_file = self._run_dir / FLEET_COPY
         if fleet_file.exists():
             for carrier in self._carriers.values():
