@@ -156,7 +156,7 @@ async def test_a_taken_udp_port_is_one_line(tmp_path: Path) -> None:
             system.activator.start()
             assert await asyncio.to_thread(system.activator.wait) == 2
         finally:
-            await system.close()
+            await system.end()
     (line,) = [line for line in system.activator.said().splitlines() if line.startswith("mqttxt: ")]
     assert line.startswith(f"mqttxt: --air-sn 127.0.0.1:{system.air_port}: ")
     assert "expected a free UDP port of this machine" in line

@@ -10,9 +10,9 @@ import pytest
 
 from mqttxt import ConfigurationError, Fleets, FogUnreachable, GroundStation
 from mqttxt.security.identity import Identity
-from tests.integration.test_secure_fleet import SecureSystem
 from tests.rigs.processes import commanded, eventually
 from tests.rigs.secure import Node
+from tests.rigs.secure_system import SecureSystem
 
 pytestmark = pytest.mark.integration
 
@@ -45,7 +45,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoAuthorities]:
 
 
 def station(at: SecureSystem, prefix: str, of: SecureSystem, name: str) -> GroundStation:
-    return GroundStation(at.url, prefix=prefix, identity=of.acme.folder / name, signed=True, signed_readings=True)
+    return GroundStation(at.cloud_url, prefix=prefix, identity=of.acme.folder / name, signed=True, signed_readings=True)
 
 
 def arms(of: SecureSystem) -> int:
@@ -79,7 +79,7 @@ async def test_an_identity_of_one_fleet_is_worth_nothing_in_the_other(two: TwoAu
         with pytest.raises(FogUnreachable, match=r"fleet acme: fog 1: no connection.*; fleet north: fog 1: no conn"):
             await fleets.connect({"acme": [1], "north": [1]}, timeout_s=3)
     with pytest.raises(OSError):  # noqa: PT011 - TLS says it in words of its own
-        Node(Identity.load(two.acme.acme.folder / "gs-ops"), two.north.brokers["broker-cloud"])
+        Node(Identity.load(two.acme.acme.folder / "gs-ops"), two.north.cloud)
     assert arms(two.north) == before
 
 

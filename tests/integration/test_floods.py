@@ -12,10 +12,10 @@ from mqttxt.security import broker as brokers
 from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
-from tests.integration.test_secure_fleet import SecureSystem
 from tests.rigs.flooder import KINDS
 from tests.rigs.processes import Process, eventually
 from tests.rigs.secure import WITNESS, Node, SecureBroker
+from tests.rigs.secure_system import SecureSystem
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -26,13 +26,12 @@ COMMANDS = 10
 async def test_a_station_that_floods_stops_nobody(tmp_path: Path, kind: str) -> None:
     system = SecureSystem(tmp_path, signed=True)
     eve = system.acme.issue("gs-eve", Rights(frozenset({1}), observe=True))
-    broker = system.brokers["broker-cloud"]
-    broker.files.write_access(broker.out)
-    options = (str(eve), str(broker.port), kind, str(tmp_path / "eve.ready"))
+    system.let_in()
+    options = (str(eve), str(system.cloud.port), kind, str(tmp_path / "eve.ready"))
     flooder = Process(tmp_path, "eve", "tests.rigs.flooder", *options)
     try:
         system.start()
-        async with system.station(signed=True) as station:
+        async with system.station() as station:
             (fog,) = await station.connect([1])
             drone = fog.drone(1)
             await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")

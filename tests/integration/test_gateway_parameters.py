@@ -15,10 +15,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.security.rights import Rights
 from sitl.px4.parameters import SPECS
 from tests.integration.test_plans import gs
-from tests.integration.test_secure_fleet import SecureSystem
 from tests.rigs.gateway import Client, Flight, Ground, eventually, systems
 from tests.rigs.mavproxy import MavProxy
 from tests.rigs.processes import Process, free_port, wait_until
+from tests.rigs.secure_system import SecureSystem
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -99,14 +99,13 @@ def test_what_another_station_sets_is_read_anew(ground: Ground, client: Client) 
 def test_a_station_without_the_right_sets_nothing_in_a_fleet_that_signs(tmp_path: Path) -> None:
     system = SecureSystem(tmp_path, True, "--all-states")
     system.acme.issue("gs-params", Rights(None, take_over=True, observe=True, set_parameters=True))
-    for broker in system.brokers.values():
-        broker.files.write_access(broker.out)
+    system.let_in()
     found: dict[str, str] = {}
     try:
         system.start()
         for name in ("gs-ops", "gs-params"):
             port = free_port()
-            where = ["--fog", "1", "--cloud", system.url, "--listen", f"tcp:127.0.0.1:{port}", "--take-over"]
+            where = ["--fog", "1", "--cloud", system.cloud_url, "--listen", f"tcp:127.0.0.1:{port}", "--take-over"]
             identity = ["--identity", str(system.acme.folder / name), "--signed"]
             gateway = Process(tmp_path, name, "mqttxt", "gs", "mavlink", *where, *identity).start()
             try:

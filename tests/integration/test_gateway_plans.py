@@ -19,10 +19,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt import Plan
 from mqttxt.security.rights import Rights
 from tests.integration.test_plans import gs
-from tests.integration.test_secure_fleet import SecureSystem
 from tests.rigs.gateway import NAN, Client, Flight, Ground, eventually, systems
 from tests.rigs.mavproxy import MavProxy
 from tests.rigs.processes import Process, free_port, wait_until
+from tests.rigs.secure_system import SecureSystem
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 LATITUDE, LONGITUDE = 47.397742, 8.545594
@@ -235,16 +235,15 @@ def _acknowledges_arm(message: Any, result: int) -> bool:
 
 
 def test_a_station_without_the_right_uploads_nothing_to_a_fleet_that_signs(tmp_path: Path) -> None:
-    system = SecureSystem(tmp_path, "--signed")
+    system = SecureSystem(tmp_path, True)
     system.acme.issue("gs-plans", Rights(None, take_over=True, observe=True, upload_plan=True))
-    for broker in system.brokers.values():
-        broker.files.write_access(broker.out)
+    system.let_in()
     found: dict[str, int | None] = {}
     try:
         system.start()
         for name in ("gs-ops", "gs-plans"):
             port = free_port()
-            where = ["--fog", "1", "--cloud", system.url, "--listen", f"tcp:127.0.0.1:{port}", "--take-over"]
+            where = ["--fog", "1", "--cloud", system.cloud_url, "--listen", f"tcp:127.0.0.1:{port}", "--take-over"]
             identity = ["--identity", str(system.acme.folder / name), "--signed"]
             gateway = Process(tmp_path, name, "mqttxt", "gs", "mavlink", *where, *identity).start()
             try:

@@ -22,12 +22,12 @@ class AirSystem(OneDrone):
         second = ["--second-broker", self.url(self.fog.port)] if and_tcp else []
         self.run(["--air-sn", f"127.0.0.1:{self.air_port}"], ["--broker", self.air.url, *second])
 
-    async def start(self) -> None:
+    async def begin(self) -> None:
         await self.air.start()
-        await super().start()
+        await super().begin()
 
-    async def close(self) -> None:
-        await super().close()
+    async def end(self) -> None:
+        await super().end()
         self.air.close()
 
     def has_connected(self, times: int) -> bool:

@@ -23,10 +23,12 @@ STATION = Rights(None, take_over=True, observe=True)
 class OneDrone:
     """`mode` is "", TLS or SIGNED: with one of the latter each node has an identity of the fleet `acme`.
 
-    A rig adds what is between drone and fog: options for both (`run`), more brokers, links that it starts and closes.
+    A rig adds what is between drone and fog: options for both (`run`), more brokers, links that it begins and ends.
     """
 
-    def __init__(self, folder: Path, mode: str = "", *, air: bool = False) -> None:
+    signs_readings = False
+
+    def __init__(self, folder: Path, mode: str = "", *, air: bool = False, prefix: str = "") -> None:
         self.folder = folder
         self.is_signed = mode == SIGNED
         self.acme = Authority.create(folder / "acme", "acme") if mode else None
@@ -35,70 +37,85 @@ class OneDrone:
                 self.acme.issue(name)
             self.acme.issue("gs-ops", STATION)
         self._scheme = "mqtts" if mode else "mqtt"
-        self.cloud, self.fog = self.broker("cloud", self.acme), self.broker("fog1", self.acme, air=air)
+        self.cloud = self.broker("cloud", self.acme, prefix=prefix)
+        self.fog = self.broker("fog1", self.acme, air=air)
         self.brokers = [self.cloud, self.fog]
         self._autopilot = free_port(socket.SOCK_DGRAM)
         there = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self._autopilot}"]
         fleet = ["--fleet", str(quick_fleet(folder, LANDING)), "--system", "1"]
-        self.sitl = self._process("sitl", "sitl", "fly", *fleet, *there, "--events", str(folder / "sitl.jsonl"))
+        self.sitl = self.process("sitl", "sitl", "fly", *fleet, *there, "--events", str(folder / "sitl.jsonl"))
 
     def run(self, activator: Sequence[str], uav: Sequence[str], ppm: int | None = None) -> None:
         """Make both programs, with these options beside the usual ones; `ppm` is the drone's clock."""
-        brokers = ["--cloud", self.url(self.cloud.port), "--fog-broker", self.url(self.fog.port)]
+        brokers = ["--cloud", self.cloud_url, "--fog-broker", self.url(self.fog.port)]
         journal = ["--journal", str(self.folder / "journal"), "--autopilot", f"udp:127.0.0.1:{self._autopilot}"]
-        activator = ["--fog", "1", "--drones", "1", *brokers, *activator, *self._identity("fog1")]
-        uav = ["--drone", "1", *journal, *uav, *self._identity("drone1"), *(["--fog", "1"] if self.is_signed else [])]
-        self.activator = self._process("activator", "mqttxt", "activator", *activator)
-        self.uav = self._process("uav", "mqttxt", "uav", *uav, ppm=ppm)
+        activator = ["--fog", "1", "--drones", "1", *brokers, *activator, *self.identity("fog1")]
+        uav = ["--drone", "1", *journal, *uav, *self.identity("drone1"), *(["--fog", "1"] if self.is_signed else [])]
+        self.activator = self.process("activator", "mqttxt", "activator", *activator)
+        self.uav = self.process("uav", "mqttxt", "uav", *uav, ppm=ppm)
 
-    def _identity(self, name: str) -> list[str]:
+    def identity(self, name: str) -> list[str]:
         signed = ["--signed"] if self.is_signed else []
         return ["--identity", str(self.acme.folder / name), *signed] if self.acme is not None else []
 
     def broker(
-        self, of: str, authority: Authority | None, called: str | None = None, *, air: bool = False
+        self, of: str, authority: Authority | None, called: str | None = None, *, air: bool = False, prefix: str = ""
     ) -> Broker | SecureBroker:
         if authority is None:
             return Broker(self.folder, called or of)
         name = f"broker-{of}"
         if not (authority.folder / name).exists():
             authority.issue(name)
-        return SecureBroker(authority, name, called=called, air=air)
+        return SecureBroker(authority, name, prefix, called=called, air=air)
 
     def url(self, port: int) -> str:
         return f"{self._scheme}://127.0.0.1:{port}"
 
-    def _process(self, name: str, module: str, *arguments: str, ppm: int | None = None) -> Process:
+    @property
+    def cloud_url(self) -> str:
+        return self.url(self.cloud.port)
+
+    def process(self, name: str, module: str, *arguments: str, ppm: int | None = None) -> Process:
         ready = str(self.folder / f"{name}.ready")
         return Process(self.folder, name, module, *arguments, "--ready-file", ready, ppm=ppm)
 
     @property
-    def _processes(self) -> tuple[Process, ...]:
+    def processes(self) -> tuple[Process, ...]:
         return self.sitl, self.activator, self.uav
 
-    async def start(self) -> None:
+    def start(self) -> None:
         for broker in self.brokers:
-            await asyncio.to_thread(broker.start)
-        for process in self._processes:
+            broker.start()
+        for process in self.processes:
             process.start()
-        for process in self._processes:
-            await asyncio.to_thread(process.wait_ready)
+        for process in self.processes:
+            process.wait_ready()
 
-    async def close(self) -> None:
-        for process in self._processes:
+    def close(self) -> None:
+        for process in self.processes:
             process.kill()
         for broker in self.brokers:
             broker.kill()
 
-    def station(self) -> GroundStation:
-        folder = self.acme.folder / "gs-ops" if self.acme is not None else None
-        return GroundStation(self.url(self.cloud.port), identity=folder, signed=self.is_signed)
+    async def begin(self) -> None:
+        """As `start`, behind the links that a rig has."""
+        await asyncio.to_thread(self.start)
+
+    async def end(self) -> None:
+        self.close()
+
+    def station(self, name: str = "gs-ops", signed: bool | None = None) -> GroundStation:
+        """A ground station that signs as the fleet does, unless it is told to do otherwise."""
+        folder = self.acme.folder / name if self.acme is not None else None
+        signs = self.is_signed if signed is None else signed
+        readings = signs and self.signs_readings
+        return GroundStation(self.cloud_url, identity=folder, signed=signs, signed_readings=readings)
 
     @asynccontextmanager
     async def flying(self) -> AsyncIterator[tuple[GroundStation, Drone]]:
         """A station, and drone 1, which that controls; neither the activator nor the UAV client ends meanwhile."""
         try:
-            await self.start()
+            await self.begin()
             async with self.station() as station:
                 (fog,) = await station.connect([1])
                 drone = fog.drone(1)
@@ -107,7 +124,7 @@ class OneDrone:
                 assert self.uav.exit_code is None
                 assert self.activator.exit_code is None
         finally:
-            await self.close()
+            await self.end()
 
     def commanded(self, mav_cmd: int) -> int:
         """How often the autopilot received a MAV_CMD."""

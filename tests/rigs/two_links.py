@@ -48,13 +48,13 @@ class TwoLinkSystem(OneDrone):
             ppm,
         )
 
-    async def start(self) -> None:
+    async def begin(self) -> None:
         for link in self.links:
             await link.start()
-        await super().start()
+        await super().begin()
 
-    async def close(self) -> None:
-        await super().close()
+    async def end(self) -> None:
+        await super().end()
         self.second.kill()
         for link in self.links:
             await link.close()
