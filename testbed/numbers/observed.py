@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..plan.wording import PROTOCOL_NAMES
-from .written import AttemptEntry, KindEntry, KindOfMessages, SideEntry, SizeEntry
+from .attempt_entry import AttemptEntry, KindEntry, KindOfMessages, SizeEntry
+from .written import SideEntry
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from statistics import median
 
 from . import words
+from .attempt_entry import LossEntry
 from .observed import NO_SIDE, NOTHING_SENT, Attempt, Loss, Side, Sides
 from .quantity import ABOVE, BELOW, ByCommand, Completed, Figure, Quantity, Share
 from .statistics import loss_of, paired_test, significant
-from .written import CompletionEntry, LossEntry, PairedTestEntry, SpreadEntry, Statistics
+from .written import CompletionEntry, PairedTestEntry, SpreadEntry, Statistics
 
 
 def share(key: str, name: str, count: Callable[[Attempt], Loss], *, counted: bool = False) -> Share:

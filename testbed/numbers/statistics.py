@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .written import LossEntry, PairedTestEntry
+from .attempt_entry import LossEntry
+from .written import PairedTestEntry
 
 ENOUGH = 6
 """Attempts from which on there is an interval and a test; below there are points only."""

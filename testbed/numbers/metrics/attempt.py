@@ -12,9 +12,9 @@ from ...fly import flight_logs
 from ...fly.observations import uncaptured
 from ...fly.results import Attempt
 from ...fly.validity import COMPLETED, Verdict
+from ..attempt_entry import AttemptEntry, KindOfMessages, OutcomeEntry
 from ..observed import observe_attempt
 from ..packets import Packets, load
-from ..written import AttemptEntry, KindOfMessages, OutcomeEntry
 from . import delays, mavlink, mqttxt, readings, timeline
 from .causes import losses
 from .exchange import count_messages

@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import polars as pl
 
+from ..attempt_entry import Losses
 from ..packets import Packets
-from ..written import Losses
 
 CAUSES = ("random", "queue", "closed", "overload", "corrupted")
 """Drawn; no room in the link's queue; a closed link's refusals; the shaper did not keep up; a bit was turned."""

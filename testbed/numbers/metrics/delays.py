@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ..written import Delays, Receipts, Summary
+from ..attempt_entry import Delays, Receipts, Summary
 from .mavlink import CALLS
 from .window import Window
 

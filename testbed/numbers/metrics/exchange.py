@@ -8,9 +8,9 @@ from typing import Any
 
 import polars as pl
 
+from ..attempt_entry import DroneMessages, KindOfMessages
 from ..packets import Packets
 from ..statistics import loss_of
-from ..written import DroneMessages, KindOfMessages
 from .ways import STATION, Ways
 from .window import Window
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import polars as pl
 
+from ..attempt_entry import Mavlink, MavlinkMessage, MavlinkStream, Router
 from ..packets import Packets
-from ..written import Mavlink, MavlinkMessage, MavlinkStream, Router
 from .exchange import SENT, Exchange, calls_in, mean_frames, with_arrivals
 from .ways import STATION, Ways
 from .window import MAV_CMD_ARM, Window

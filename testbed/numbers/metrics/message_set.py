@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 
 from ...fly.pcap import Ints
+from ..attempt_entry import AmountEntry, KindEntry, KindMessages, KindOfMessages
 from ..packets import Packets
 from ..statistics import loss_of
-from ..written import AmountEntry, KindEntry, KindMessages, KindOfMessages
 from .exchange import Exchange, count_messages
 from .message_kinds import own_mavlink, own_mqttxt, setpoints
 from .message_spans import Kind, kinds_of

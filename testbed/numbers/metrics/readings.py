@@ -16,8 +16,8 @@ from mqttxt.protocol.readings import UNITS, ReadingMessage
 
 from ...errors import ResultsError
 from ...fly.results import Attempt, read_json_lines
+from ..attempt_entry import AmountEntry, ReadingDelays, ReadingsEntry, Summary
 from ..packets import Packets
-from ..written import AmountEntry, ReadingDelays, ReadingsEntry, Summary
 from .delays import summary
 from .shaping import Shaping
 from .ways import STATION, Ways

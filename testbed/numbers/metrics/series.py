@@ -14,9 +14,10 @@ from ...errors import ResultsError
 from ...fly.observations import verdict_of
 from ...fly.results import METRICS, Attempt, Series, read_json, write_json
 from ...fly.validity import Verdict, paired, unmeasured, unread
+from ..attempt_entry import AttemptEntry
 from ..observed import observe
 from ..quantities import ratios, statistics
-from ..written import AttemptEntry, Metrics, SideEntry, VoidEntry
+from ..written import Metrics, SideEntry, VoidEntry
 from .attempt import NOT_FLOWN, measure_attempt
 from .conditions import Flown, check_same, common_machine, common_revision, differences
 from .shaping import read_shaping

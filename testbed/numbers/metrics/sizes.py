@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import polars as pl
 
+from ..attempt_entry import SizeEntry
 from ..packets import Packets
 from ..statistics import significant
-from ..written import SizeEntry
 from .window import Window
 
 

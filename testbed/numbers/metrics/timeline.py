@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
+from ..attempt_entry import AmountEntry, Load, Retransmissions
 from ..packets import Packets
-from ..written import AmountEntry, Load, Retransmissions
 from .ways import Ways
 from .window import SECOND_NS, Window
 

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from ...fly.results import Attempt, Series, read_json
+from ...numbers.attempt_entry import AttemptEntry
 from ...numbers.metrics.detail import detail_of
 from ...numbers.observed import observe_attempt
 from ...numbers.quantities import of_attempt
-from ...numbers.written import AttemptEntry, Metrics, VoidEntry
+from ...numbers.written import Metrics, VoidEntry
 from ...plan import wording
 from . import sentences
 from .figures.flights import Flights, flights, flights_of

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...numbers import quantities, words
+from ...numbers.attempt_entry import AttemptEntry
 from ...numbers.observed import observe
 from ...numbers.quantities import Row
-from ...numbers.written import AttemptEntry, Metrics, SideEntry, VoidEntry
+from ...numbers.written import Metrics, SideEntry, VoidEntry
 from ...plan import wording
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any, TypedDict
 
-from ...numbers.written import (
+from ...numbers.attempt_entry import (
     AttemptEntry,
     Delays,
     LinkEntry,

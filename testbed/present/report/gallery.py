@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...numbers import quantity, words
+from ...numbers.attempt_entry import AttemptEntry, Load
 from ...numbers.metrics.detail import PerLink
 from ...numbers.observed import observe
 from ...numbers.quantities import MISSION
-from ...numbers.written import AttemptEntry, Load, Metrics
+from ...numbers.written import Metrics
 from ...plan.topology import place_of_link
 from . import details, thesis
 from .comparison import completed

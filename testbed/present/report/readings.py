@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...numbers import words
-from ...numbers.written import AmountEntry, AttemptEntry, Metrics, ReadingsEntry
+from ...numbers.attempt_entry import AmountEntry, AttemptEntry, ReadingsEntry
+from ...numbers.written import Metrics
 from ...plan import wording
 from .details import Shown
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ...numbers import words
+from ...numbers.attempt_entry import OutcomeEntry
 from ...numbers.quantities import COMMANDS_LOST, DELAY, FRAMES_LOST, MISSION, PACKETS, SIZE, STATES_LOST
-from ...numbers.written import Metrics, OutcomeEntry
+from ...numbers.written import Metrics
 from ...plan import wording
 from . import message_sentences
 from .comparison import completed, fleet_size, rows

@@ -12,9 +12,10 @@ from rich.text import Text
 
 from ...fly.results import Attempt, Series
 from ...numbers import words
+from ...numbers.attempt_entry import AttemptEntry
 from ...numbers.observed import observe_attempt
 from ...numbers.quantities import OF_ATTEMPT, of_attempt
-from ...numbers.written import AttemptEntry, Metrics
+from ...numbers.written import Metrics
 from ...plan import wording
 from . import comparison, details, factors, message_set, readings, sentences, thesis_rows
 from .attempt_page import with_losses

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ....numbers import words
-from ....numbers.written import AttemptEntry
+from ....numbers.attempt_entry import AttemptEntry
 from ....plan import wording
 from .axes import Scale, bottom, decades, legend, log_bounds, quantile, side, steps
 from .draw import Drawing

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ....numbers import words
-from ....numbers.written import AttemptEntry
+from ....numbers.attempt_entry import AttemptEntry
 from ....plan import wording
 from .axes import Scale, decades, log_bounds, quantile, side
 from .delays import medians, middle_half, rows_by_number

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ....numbers import words
-from ....numbers.written import AttemptEntry
+from ....numbers.attempt_entry import AttemptEntry
 from ....plan import wording
 from .axes import Scale
 from .draw import TEXT, Drawing
