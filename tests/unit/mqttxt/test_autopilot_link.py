@@ -15,10 +15,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.drone.mavlink import link, transports
-from mqttxt.drone.mavlink.frame_parser import Malformed
 from mqttxt.drone.mavlink.link import AutopilotLink
 from mqttxt.drone.mavlink.repeated_acks import Repeats
 from mqttxt.drone.mavlink.transports import AutopilotAddress, Serial
+from tests.rigs.link_bench import LinkBench
 from tests.rigs.processes import eventually
 from tests.simulation.world import ack, heartbeat
 
@@ -33,55 +33,15 @@ def beat(seq: int) -> bytes:
     return bytes(heartbeat().pack(counting))
 
 
-class LinkBench:
-    """A link that listens, and the sockets of whoever writes to it."""
-
-    def __init__(self) -> None:
-        self.heard: list[str] = []
-        self.malformed: list[str] = []
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-            found.bind(("127.0.0.1", 0))
-            self.port = found.getsockname()[1]
-        address = AutopilotAddress("udp", "127.0.0.1", self.port)
-        self.link = AutopilotLink(address, 1, self._on_readable, self._on_malformed)
-        self.sockets: list[socket.socket] = []
-
-    def _on_readable(self) -> None:
-        self.heard += [message.get_type() for message in self.link.messages()]
-
-    def _on_malformed(self, found: Malformed) -> None:
-        self.malformed.append(found.reason)
-
-    def socket(self) -> socket.socket:
-        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        made.connect(("127.0.0.1", self.port))
-        made.setblocking(False)
-        self.sockets.append(made)
-        return made
-
-    def write(self) -> list[bool]:
-        """Write one message; who of the sockets got it."""
-        self.link.write(heartbeat())
-        return [_has_something(one) for one in self.sockets]
-
-
-def _has_something(one: socket.socket) -> bool:
-    try:
-        return bool(one.recv(1000))
-    except BlockingIOError:
-        return False
-
-
 @pytest.fixture
 async def bench() -> AsyncIterator[LinkBench]:
-    made = LinkBench()
-    running = asyncio.create_task(made.link.run())
-    await eventually(lambda: made.link._transport is not None, "it listens")
-    yield made
-    running.cancel()
-    await asyncio.wait({running})
-    for one in made.sockets:
-        one.close()
+    async with LinkBench().open() as made:
+        yield made
+
+
+def reached(bench: LinkBench) -> list[bool]:
+    """Write one message; who of the sockets got it."""
+    return [bool(frame) for frame in bench.write(heartbeat())]
 
 
 async def test_two_bytes_of_noise_blind_nobody(bench: LinkBench) -> None:
@@ -90,7 +50,7 @@ async def test_two_bytes_of_noise_blind_nobody(bench: LinkBench) -> None:
         noise.send(b"\xfd\xff")
         autopilot.send(beat(seq))
     await eventually(lambda: len(bench.heard) == 50, "every heartbeat")
-    assert bench.malformed
+    assert bench.refused
 
 
 async def test_a_datagram_that_is_no_heartbeat_of_the_own_autopilot_takes_no_link(bench: LinkBench) -> None:
@@ -98,14 +58,12 @@ async def test_a_datagram_that_is_no_heartbeat_of_the_own_autopilot_takes_no_lin
     other_component = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
     stranger, autopilot = bench.socket(), bench.socket()
     for data in (b"\0", HEARTBEAT[:-1], ACK, heartbeat().pack(other_system), heartbeat().pack(other_component)):
-        before = len(bench.heard) + len(bench.malformed)
-        stranger.send(data)
-        await eventually(lambda before=before: len(bench.heard) + len(bench.malformed) > before, "it was read")
-        assert bench.write() == [False, False]
+        await bench.say(stranger, data)
+        assert reached(bench) == [False, False]
     before = len(bench.heard)
     autopilot.send(HEARTBEAT)
     await eventually(lambda: len(bench.heard) > before, "heard")
-    assert bench.write() == [False, True]
+    assert reached(bench) == [False, True]
 
 
 @pytest.mark.parametrize("kind", [mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_AUTOPILOT_GENERIC])
@@ -115,14 +73,14 @@ async def test_who_beats_with_the_autopilots_numbers_and_is_none_takes_no_link(
     autopilot, program = bench.socket(), bench.socket()
     program.send(mavlink.MAVLink_heartbeat_message(18, kind, 0, 0, 4, 3).pack(AUTOPILOT))
     await eventually(lambda: len(bench.heard) == 1, "heard")
-    assert bench.write() == [False, False]
+    assert reached(bench) == [False, False]
     autopilot.send(beat(1))
     await eventually(lambda: len(bench.heard) == 2, "heard")
-    assert bench.write() == [True, False]
+    assert reached(bench) == [True, False]
     monkeypatch.setattr(transports, "HEARTBEAT_LOST_MS", 0)  # its heartbeats stay away
     program.send(mavlink.MAVLink_heartbeat_message(18, kind, 0, 0, 4, 3).pack(AUTOPILOT))
     await eventually(lambda: len(bench.heard) == 3, "heard")
-    assert bench.write() == [True, False]
+    assert reached(bench) == [True, False]
 
 
 async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: LinkBench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,13 +89,13 @@ async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: LinkBench, m
     await eventually(lambda: bench.heard == ["HEARTBEAT"], "heard")
     forger.send(HEARTBEAT)
     forger.send(ACK)
-    await eventually(lambda: len(bench.malformed) == 2, "refused")
+    await eventually(lambda: len(bench.refused) == 2, "refused")
     assert bench.heard == ["HEARTBEAT"]
-    assert bench.write() == [True, False]
+    assert reached(bench) == [True, False]
     monkeypatch.setattr(transports, "HEARTBEAT_LOST_MS", 0)  # its heartbeats stay away: it may have a new port
     forger.send(beat(1))
     await eventually(lambda: len(bench.heard) == 2, "heard")
-    assert bench.write() == [False, True]
+    assert reached(bench) == [False, True]
 
 
 async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_turn() -> None:

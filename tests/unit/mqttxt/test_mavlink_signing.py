@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import socket as sockets
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -17,13 +16,13 @@ from mqttxt.core.settings import Settings
 from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.mavlink import signing as mavlink_signing
 from mqttxt.drone.mavlink.frame_parser import Malformed
-from mqttxt.drone.mavlink.link import AutopilotLink
 from mqttxt.drone.mavlink.signing import LINK_ID, Signing, read_key
 from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.mavlink.stamps import EPOCH_S, LEAST_AHEAD, MOST, MOST_AHEAD, TICKS_PER_S, Stamps
 from mqttxt.drone.mavlink.transports import AutopilotAddress
 from mqttxt.drone.process import UavRunner
 from mqttxt.errors import ConfigurationError
+from tests.rigs.link_bench import LinkBench
 from tests.rigs.processes import eventually
 from tests.simulation.world import ack, heartbeat
 
@@ -248,72 +247,19 @@ def test_an_autopilot_whose_clock_is_ahead_brings_the_client_with_it(signing: Si
 # -- the link
 
 
-class SignedBench:
-    """A keyed link on UDP, and autopilots that write to it."""
-
-    def __init__(self, signing: Signing | None) -> None:
-        self.heard: list[str] = []
-        self.refused: list[str] = []
-        with sockets.socket(sockets.AF_INET, sockets.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        self.link = AutopilotLink(
-            AutopilotAddress("udp", "127.0.0.1", self.port),
-            1,
-            lambda: self.heard.extend(message.get_type() for message in self.link.messages()),
-            lambda found: self.refused.append(found.kind),
-            signing,
-        )
-        self.sockets: list[sockets.socket] = []
-
-    def socket(self) -> sockets.socket:
-        made = sockets.socket(sockets.AF_INET, sockets.SOCK_DGRAM)
-        made.connect(("127.0.0.1", self.port))
-        made.setblocking(False)
-        self.sockets.append(made)
-        return made
-
-    async def say(self, sender: sockets.socket, frame: bytes) -> None:
-        before = len(self.heard) + len(self.refused)
-        sender.send(frame)
-        await eventually(lambda: len(self.heard) + len(self.refused) > before, "it was read")
-
-    def write(self, message: Any, source: Source = Source.COMPANION) -> list[bytes]:
-        """What each of the sockets gets of a message."""
-        self.link.write(message, source)
-        return [_received(one) for one in self.sockets]
-
-
-def _received(one: sockets.socket) -> bytes:
-    try:
-        return one.recv(1000)
-    except BlockingIOError:
-        return b""
-
-
-async def _opened(bench: SignedBench) -> AsyncIterator[SignedBench]:
-    running = asyncio.create_task(bench.link.run())
-    await eventually(lambda: bench.link._transport is not None, "it listens")
-    yield bench
-    running.cancel()
-    await asyncio.wait({running})
-    for one in bench.sockets:
-        one.close()
-
-
 @pytest.fixture
-async def bench(signing: Signing) -> AsyncIterator[SignedBench]:
-    async for made in _opened(SignedBench(signing)):
+async def bench(signing: Signing) -> AsyncIterator[LinkBench]:
+    async with LinkBench(signing).open() as made:
         yield made
 
 
 @pytest.fixture
-async def unkeyed() -> AsyncIterator[SignedBench]:
-    async for made in _opened(SignedBench(None)):
+async def unkeyed() -> AsyncIterator[LinkBench]:
+    async with LinkBench().open() as made:
         yield made
 
 
-async def test_pymavlink_accepts_what_the_link_writes_in_every_name(bench: SignedBench) -> None:
+async def test_pymavlink_accepts_what_the_link_writes_in_every_name(bench: LinkBench) -> None:
     autopilot = bench.socket()
     await bench.say(autopilot, beat())
     receiver = mavlink.MAVLink(None)
@@ -324,7 +270,7 @@ async def test_pymavlink_accepts_what_the_link_writes_in_every_name(bench: Signe
         assert (found.get_signed(), found.get_link_id()) == (True, LINK_ID)
 
 
-async def test_nobody_without_the_key_takes_the_link(bench: SignedBench) -> None:
+async def test_nobody_without_the_key_takes_the_link(bench: LinkBench) -> None:
     forger, autopilot = bench.socket(), bench.socket()
     for frame in (beat(key=None), beat(key=OTHER_KEY)):
         await bench.say(forger, frame)
@@ -334,7 +280,7 @@ async def test_nobody_without_the_key_takes_the_link(bench: SignedBench) -> None
     assert [bool(frame) for frame in bench.write(ack(400))] == [False, True]
 
 
-async def test_an_autopilot_without_a_clock_hears_heartbeats_and_nothing_else(bench: SignedBench) -> None:
+async def test_an_autopilot_without_a_clock_hears_heartbeats_and_nothing_else(bench: LinkBench) -> None:
     autopilot = bench.socket()
     await bench.say(autopilot, beat(0))
     assert bench.refused == ["mavlink_old"]
@@ -346,7 +292,7 @@ async def test_an_autopilot_without_a_clock_hears_heartbeats_and_nothing_else(be
 
 
 async def test_an_autopilot_that_starts_anew_at_another_port_comes_back(
-    bench: SignedBench, monkeypatch: pytest.MonkeyPatch
+    bench: LinkBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = bench.socket()
     await bench.say(before, beat(NOW + MINUTE))
@@ -361,7 +307,7 @@ async def test_an_autopilot_that_starts_anew_at_another_port_comes_back(
     assert [bool(frame) for frame in bench.write(ack(400))] == [False, True]
 
 
-async def test_a_played_back_heartbeat_takes_no_commands_away(bench: SignedBench) -> None:
+async def test_a_played_back_heartbeat_takes_no_commands_away(bench: LinkBench) -> None:
     autopilot, forger = bench.socket(), bench.socket()
     recorded = beat(NOW)
     await bench.say(autopilot, recorded)
@@ -370,14 +316,14 @@ async def test_a_played_back_heartbeat_takes_no_commands_away(bench: SignedBench
     assert [bool(frame) for frame in bench.write(heartbeat())] == [True, False]
 
 
-async def test_nothing_is_written_once_no_stamp_is_left(bench: SignedBench, stamps: Stamps) -> None:
+async def test_nothing_is_written_once_no_stamp_is_left(bench: LinkBench, stamps: Stamps) -> None:
     autopilot = bench.socket()
     await bench.say(autopilot, beat(MOST))
     assert bench.write(heartbeat()) == [b""]
     assert bench.refused == ["mavlink_no_stamps"]
 
 
-async def test_without_a_key_a_signed_autopilot_is_heard_and_the_option_named(unkeyed: SignedBench) -> None:
+async def test_without_a_key_a_signed_autopilot_is_heard_and_the_option_named(unkeyed: LinkBench) -> None:
     autopilot = unkeyed.socket()
     autopilot.send(beat())
     await eventually(lambda: unkeyed.heard == ["HEARTBEAT"], "heard")
