@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 import shlex
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from mqttxt import Arm, GroundStation, Outcome, Takeoff, Word
+from mqttxt import Arm, GroundStation, Takeoff, Word
 from mqttxt.core import mosquitto
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
 from mqttxt_conformance.tap import Tap
+from tests.rigs.commanding import follow
 from tests.rigs.container import Container
 from tests.rigs.processes import Broker, System, eventually, free_port, wait_until
 
@@ -65,8 +65,7 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
             (fog,) = await station.connect([1], timeout_s=60)
             await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
             assert (await fog.broadcast(Arm())).completed
-            heard: list[Outcome] = []
-            listening = asyncio.create_task(_collect(fog.broadcast(Takeoff(8)), heard))
+            heard, listening = follow(fog.broadcast(Takeoff(8)))
             await eventually(lambda: len(heard) == 2, "takeoff accepted")
             await asyncio.to_thread(contained.kill_broker)
             async with asyncio.timeout(60):
@@ -128,8 +127,3 @@ def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
     finally:
         contained.kill()
         system.close()
-
-
-async def _collect(stream: Any, heard: list[Outcome]) -> None:
-    async for outcome in stream:
-        heard.append(outcome)

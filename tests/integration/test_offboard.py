@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from mqttxt import Attitude, Drone, GroundStation, Offboard, Outcome, Velocity, Word
+from tests.rigs.commanding import follow
 from tests.rigs.processes import System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -37,13 +38,7 @@ def _modes(system: System) -> list[str]:
 
 
 async def _engage(system: System, drone: Drone, command: Offboard) -> tuple[list[Outcome], asyncio.Task[None]]:
-    heard: list[Outcome] = []
-
-    async def listen() -> None:
-        async for outcome in drone.send(command):
-            heard.append(outcome)
-
-    task = asyncio.create_task(listen())
+    heard, task = follow(drone.send(command))
     await eventually(lambda: _state(system)["mode"] == "offboard", "in offboard")
     return heard, task
 

@@ -16,6 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Arm, GroundStation, Land, Outcome, Takeoff, Word
+from tests.rigs.commanding import follow
 from tests.rigs.processes import ROOT, Process, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -38,16 +39,10 @@ def silent(tmp_path: Path) -> Iterator[System]:
         yield made
 
 
-async def _collect(stream: Any, heard: list[Outcome]) -> None:
-    async for outcome in stream:
-        heard.append(outcome)
-
-
 async def _airborne_with_open_takeoff(fleet: System, fog: Any) -> tuple[list[Outcome], asyncio.Task[None]]:
     """Both drones climb; the broadcast takeoff is accepted and still open."""
     assert (await fog.broadcast(Arm())).completed
-    heard: list[Outcome] = []
-    listening = asyncio.create_task(_collect(fog.broadcast(Takeoff(ALTITUDE_M), limit_s=25), heard))
+    heard, listening = follow(fog.broadcast(Takeoff(ALTITUDE_M), limit_s=25))
     await eventually(lambda: len(heard) == 2, "takeoff accepted by both")
     assert {outcome.word for outcome in heard} == {Word.ACCEPTED}
     return heard, listening
@@ -67,8 +62,8 @@ async def _all_back(fog: Any) -> None:
 
 async def _land_all(fleet: System, fog: Any) -> None:
     """The proof that commands flow again; and that each autopilot got each command once."""
-    heard: list[Outcome] = []
-    await _collect(fog.broadcast(Land()), heard)
+    heard, landing = follow(fog.broadcast(Land()))
+    await landing
     assert _last_words(heard) == {1: [Word.COMPLETED], 2: [Word.COMPLETED]}
     for drone in (1, 2):
         assert len(fleet.commanded(drone, TAKEOFF)) == 1

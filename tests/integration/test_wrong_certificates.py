@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import subprocess
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -16,34 +16,18 @@ from pathlib import Path
 import pytest
 
 from mqttxt.core.address import BrokerAddress
-from mqttxt.core.effects import Inbound, Subscribe
 from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.security.authority import Authority
 from mqttxt.security.fleet import Fleet
 from mqttxt.security.identity import Identity, read_certificate, read_key
 from mqttxt.security.trusted_time import TrustedTime
+from tests.rigs.linked import Heard
 from tests.rigs.processes import eventually
 from tests.rigs.secure import SecureBroker
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 AGO, LATER = timedelta(days=-2), timedelta(days=1)
-
-
-class Events:
-    """What a link says."""
-
-    def __init__(self) -> None:
-        self.connections = 0
-
-    def connected(self, link: str) -> None:
-        self.connections += 1
-
-    def disconnected(self, link: str) -> None: ...
-    def received(self, link: str, message: Inbound) -> None: ...
-    def subscribed(self, subscribe: Subscribe) -> None: ...
-    def published(self, link: str, ref: Hashable, code: int) -> None: ...
-    def count(self, kind: str, detail: str) -> None: ...
 
 
 def as_it_is(folder: Path, system: Callable[[], float] | None = None) -> Identity:
@@ -56,7 +40,7 @@ def as_it_is(folder: Path, system: Callable[[], float] | None = None) -> Identit
 
 async def outcome(identity: Identity, address: BrokerAddress) -> str | None:
     """Why a connection does not come about, None where it does."""
-    events = Events()
+    events = Heard()
     link = MqttLink("cloud", address, "someone", None, events, identity=identity)
     running = asyncio.create_task(link.run())
     try:

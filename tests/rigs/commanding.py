@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterable
 
 from mqttxt import Command, Drone, Health, Outcome, Word
 from tests.rigs.processes import eventually
@@ -27,15 +28,20 @@ async def fly(drone: Drone, *commands: Command) -> None:
         assert (last.word, last.reason) == (Word.COMPLETED, None), f"{command}: {last.word}({last.reason})"
 
 
-async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:
-    """Send a command and go on once it was accepted."""
+def follow(sent: AsyncIterable[Outcome]) -> tuple[list[Outcome], asyncio.Task[None]]:
+    """What is heard of a command that was sent, and the task that hears it."""
     heard: list[Outcome] = []
 
     async def listen() -> None:
-        async for outcome in drone.send(command):
+        async for outcome in sent:
             heard.append(outcome)
 
-    task = asyncio.create_task(listen())
+    return heard, asyncio.create_task(listen())
+
+
+async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:
+    """Send a command and go on once it was accepted."""
+    heard, task = follow(drone.send(command))
     await eventually(lambda: bool(heard), f"{command.name} is answered")
     assert heard[0].word is Word.ACCEPTED, heard
     return heard, task
