@@ -256,7 +256,8 @@ def connect_docker(address: str | None = None) -> docker.DockerClient:
         client = docker.from_env() if address is None else docker.DockerClient(address, timeout=ANSWER_S)
         client.ping()
     except DockerException as error:
-        raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
+        what_to_do = "; type: make doctor" if address is None else ""
+        raise DockerError(f"Docker does not answer: {error}{what_to_do}") from error
     return client
 
 
