@@ -50,7 +50,7 @@ ACTIVATOR_VARIANTS = {
     "air-activator-tells-one-by-one": "its-packets-are-as-specified",
 }
 OWN = {"none", "none-activator"}
-AT_ONCE = 6
+AT_ONCE = 4
 """Checks that run side by side, each against an implementation of its own."""
 
 
