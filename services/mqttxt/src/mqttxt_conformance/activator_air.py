@@ -189,7 +189,7 @@ async def takes_a_repetition_once(kit: AirKit) -> str:
     await air.until(lambda: pubacks().count(last) == 2, PATIENCE_S)
     await asyncio.sleep(QUIET_S)
     expect(pubacks() == [last, last], f"PUBACKs of {pubacks()}; sent were {last} twice, then {first}")
-    came = kit.at_broker(topic, heard)
+    came = [one for one in kit.at_broker(topic, heard) if one.payload == b"word"]
     expect(len(came) == 1, f"at the broker it came {len(came)} times")
     return "two copies: two PUBACKs, one message; an older id: nothing"
 

@@ -71,8 +71,8 @@ class Rebirth:
 class Retry:
     """When to send an unanswered message again: pauses double from two to sixteen seconds."""
 
-    def __init__(self, first_ms: int) -> None:
-        self._gap_ms = RESEND_FIRST_MS
+    def __init__(self, first_ms: int, gap_ms: int = RESEND_FIRST_MS) -> None:
+        self._gap_ms = gap_ms
         self._next_ms = first_ms
 
     def is_due(self, now_ms: int) -> bool:
@@ -93,7 +93,7 @@ class Retry:
     @classmethod
     def after_word(cls, qos: int, now_ms: int) -> Retry | None:
         """A command that was answered is asked for rarely at QoS 0, and not at all at QoS 1."""
-        return cls(now_ms + RESEND_LAST_MS) if qos == 0 else None
+        return cls(now_ms + RESEND_LAST_MS, RESEND_LAST_MS) if qos == 0 else None
 
     @classmethod
     def of(cls, qos: int, now_ms: int, remaining_ms: int, waits_ms: int = 0) -> Retry:
@@ -101,4 +101,6 @@ class Retry:
 
         `waits_ms`: how long the answer may wait at who gives it.
         """
-        return cls(now_ms + (RESEND_FIRST_MS + waits_ms if qos == 0 else max(RESEND_FIRST_MS, remaining_ms)))
+        if qos == 0:
+            return cls(now_ms + RESEND_FIRST_MS + waits_ms, 2 * RESEND_FIRST_MS)
+        return cls(now_ms + max(RESEND_FIRST_MS, remaining_ms))
