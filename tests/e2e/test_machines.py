@@ -26,6 +26,8 @@ pytestmark = [
         "tests/rigs/machines.py",
     ),
 ]
+UP_S = 400.0
+"""On a busy machine images, overlays and containers of three daemons take minutes."""
 OWN_NETWORKS = {"bridge", "host", "none"}
 
 
@@ -88,7 +90,7 @@ def test_nothing_is_left_on_any_machine(flown: Run, machines: Machines) -> None:
 
 def test_ctrl_c_in_flight_leaves_nothing(machines: Machines, tmp_path: Path) -> None:
     run = Run(tmp_path / "results", "--protocols", "mqttxt", environment=few_drones(tmp_path) | machines.environment)
-    run.says("  arm ")
+    run.wait_for(lambda: any("  arm " in line for line in run.lines), UP_S)
     run.interrupt()
     assert run.wait() == 130
     assert [_left(machine) for machine in machines.all] == [NOTHING] * 3
@@ -112,7 +114,7 @@ def test_every_command_has_its_last_word_though_a_machine_is_lost(machines: Mach
     """The last test of the file: the machine stays lost."""
     lost = machines.others[-1]
     run = Run(tmp_path / "results", "--protocols", "mqttxt", environment=few_drones(tmp_path) | machines.environment)
-    run.says("  takeoff ")
+    run.wait_for(lambda: any("  takeoff " in line for line in run.lines), UP_S)
     lost.kill()
     assert run.wait() == 1
     (attempt,) = open_series(run.latest).attempts()
