@@ -2,7 +2,7 @@
 
 A test marked `soak` names the files and folders that it tests. When it has passed, PASSED has a hash of them; that file
 belongs to the repository. While the hash is the same, `make test` and `make soak` leave the test out and say so.
-`make soak ALL=1` runs every one.
+`make soak ALL=1` runs every one. One that is marked `too_long` as well is run by `make soak` alone.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from xdist import is_xdist_worker
 MARK = "soak"
 PASSED = Path(__file__).with_suffix(".json")
 UNCHANGED = "nothing that it tests has changed since it passed"
+TOO_LONG = "it takes longer than make test may; make soak runs it"
 _DIGEST = pytest.StashKey[str]()
 _reports: dict[str, list[pytest.TestReport]] = {}
 
@@ -62,6 +63,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         item.stash[_DIGEST] = digests[sources]
         if passed.get(_name(item)) == digests[sources] and not config.option.soak_all:
             item.add_marker(pytest.mark.skip(reason=UNCHANGED))
+        elif mark.kwargs.get("too_long") and config.option.markexpr != MARK:
+            item.add_marker(pytest.mark.skip(reason=TOO_LONG))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -95,7 +98,12 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
 
 
 def _is_left_out(reports: list[pytest.TestReport]) -> bool:
-    return any(report.skipped and UNCHANGED in str(report.longrepr) for report in reports)
+    return _why_left_out(reports) is not None
+
+
+def _why_left_out(reports: list[pytest.TestReport]) -> str | None:
+    said = " ".join(str(report.longrepr) for report in reports if report.skipped)
+    return next((why for why in (UNCHANGED, TOO_LONG) if why in said), None)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -103,5 +111,5 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Genera
     """After everything else a line for each test that was left out."""
     yield
     for name, reports in sorted(_reports.items()):
-        if _is_left_out(reports):
-            terminalreporter.line(f"NOT RUN {name}: {UNCHANGED}", yellow=True)
+        if (why := _why_left_out(reports)) is not None:
+            terminalreporter.line(f"NOT RUN {name}: {why}", yellow=True)

@@ -24,6 +24,7 @@ pytestmark = [
         "testbed/plan/machines.py",
         "testbed/plan/compose.yaml.jinja",
         "tests/rigs/machines.py",
+        too_long=True,
     ),
 ]
 UP_S = 400.0

@@ -28,7 +28,7 @@ def test_other():
 def test_quick():
     pass
 """
-CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["soak(sources): a"]\ntestpaths = ["."]\n'
+CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["soak(sources, too_long=False): a"]\ntestpaths = ["."]\n'
 
 
 @pytest.fixture
@@ -118,3 +118,15 @@ def test_a_renamed_file_and_a_changed_one_change_the_hash_and_a_compiled_one_doe
     assert len({before, renamed, soak.digest_of(project, ("product",))}) == 3
     with pytest.raises(FileNotFoundError):
         soak.digest_of(project, ("nowhere",))
+
+
+@pytest.mark.long
+def test_what_is_too_long_for_make_test_is_named_there_and_run_by_make_soak(project: Path) -> None:
+    file = project / "test_it.py"
+    file.write_text(TESTS.replace('soak("other.py")', 'soak("other.py", too_long=True)'))
+    lines = run(project)
+    assert not_run(lines) == ["test_it.py::test_other"]
+    assert any(soak.TOO_LONG in line for line in lines)
+    assert written(project) == {"test_it.py::test_long"}
+    assert "1 passed" in run(project, "-m", "soak")[-1]
+    assert written(project) == {"test_it.py::test_long", "test_it.py::test_other"}
