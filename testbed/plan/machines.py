@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -109,7 +110,13 @@ def compose_there(fleet: Fleet, machine: Machine) -> str:
 
 
 def _document(fleet: Fleet) -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load(compose_text(fleet))
+    return _parsed(compose_text(fleet))
+
+
+@lru_cache(maxsize=1)
+def _parsed(text: str) -> dict[str, Any]:
+    """Not to be changed: the files of all machines are made from it."""
+    found: dict[str, Any] = yaml.safe_load(text)
     return {key: value for key, value in found.items() if not key.startswith("x-")}
 
 

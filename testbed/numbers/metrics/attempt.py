@@ -86,7 +86,8 @@ def _measured(
     said = notes(packets, shaping, by_cause, window, foreign)
     said += unsent_note(described["unsent"]) if described is not None else []
     said += machines_note(manifest)
-    by_one_clock = {} if manifest.get("machines") else attempt.autopilot_events()
+    by_autopilots = attempt.autopilot_events()
+    by_one_clock = {} if manifest.get("machines") else by_autopilots
     return {
         "window": {"start_ns": window.start_ns, "seconds": round(window.seconds, 6)},
         "size_bytes": sum(link.bytes for link in links.values()),
@@ -99,7 +100,7 @@ def _measured(
         "delay_ms": delays.by_capture_ms(exchange.commands),
         "delay_app_ms": delays.calls_ms(events, window),
         "delay_received_ms": delays.received_ms(events, by_one_clock, ways.by_fog, window),
-        "receipts": delays.receipts(events, attempt.autopilot_events(), ways.by_fog, window),
+        "receipts": delays.receipts(events, by_autopilots, ways.by_fog, window),
         "state_delay_ms": delays.states_ms(exchange.states, events, window),
         "frames_per_call": exchange.frames_per_call,
         "message_sizes": message_sizes(packets, named, window),

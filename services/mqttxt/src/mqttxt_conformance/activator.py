@@ -12,7 +12,7 @@ from mqttxt.protocol.topics import CloudSide, FogSide
 from . import activator_signed
 from .activator_kit import PATIENCE_S, ActivatorKit, ActivatorTarget
 from .activator_signed_kit import SignedActivatorKit
-from .registry import RULES, Broken, Finding, Rule, check_all, unmet
+from .registry import RULES, Broken, Finding, Rule, check_all, check_met, unmet
 from .sealed import STATION, Folder
 from .subject import Subject
 from .tap import Tap, clear_retained
@@ -122,11 +122,8 @@ async def _check_signed(
             await each.subscribe(f"{fog_side.root}drone{number}/#")
         if subject.is_ours:
             await subject.start()
-        try:
-            await kit.meet()
-        except Broken as broken:
-            return unmet(activator_signed.rules(), "birth-carries-its-certificate", str(broken), on_finding)
-        return await check_all(activator_signed.rules(), kit, on_finding)
+        first, checked = "birth-carries-its-certificate", activator_signed.rules()
+        return await check_met(kit.meet(), first, checked, kit, on_finding)
     finally:
         await kit.close()
 

@@ -6,7 +6,6 @@ import asyncio
 import secrets
 from collections.abc import Callable
 from functools import partial
-from itertools import pairwise
 
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
@@ -18,9 +17,23 @@ from mqttxt.protocol.topics import CloudSide, FogSide
 
 from . import datagrams as wire
 from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit, ActivatorTarget
-from .datagrams import CLEAN, DUP, NORMAL, PREDEFINED, QOS_1, RETAIN, TOGETHER, WILL, Address, AirLine, Packet, ids_of
+from .datagrams import (
+    CLEAN,
+    DUP,
+    GRACE_MS,
+    NORMAL,
+    PREDEFINED,
+    QOS_1,
+    RETAIN,
+    TOGETHER,
+    WILL,
+    Address,
+    AirLine,
+    Packet,
+    ids_of,
+)
 from .fake_drone import FakeDrone
-from .registry import RULES, Broken, Finding, check_all, expect, rule, unmet
+from .registry import RULES, Broken, Finding, check_met, expect, rule
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
 
@@ -30,8 +43,6 @@ INVALID = 2
 ASKED_S = 5.0
 """By when a client whose id somebody else names has answered (R20.10)."""
 REFLECTED = 3
-LEAST_MS, LONGEST_MS, GRACE_MS = 100, 2000, 400
-"""When a packet is repeated (R20.5), and how late a busy machine may be."""
 
 
 class Client(AirLine):
@@ -99,6 +110,11 @@ class AirKit(ActivatorKit):
         await made.reach(self.gateway)
         return made
 
+    async def meet_all(self) -> None:
+        """Wait for the activator, then add drone 1; raises Broken."""
+        await self.meet()
+        await self.add_drones()
+
     async def add_drones(self) -> None:
         """Drone 1, as a UAV client of section 20 comes; raises Broken."""
         self.air = await self.client(1)
@@ -146,24 +162,12 @@ async def serves_a_drone(kit: AirKit) -> str:
 async def repeats_what_is_not_answered(kit: AirKit) -> str:
     """A PUBLISH without PUBACK comes again with DUP and its id, at growing pauses; meanwhile nothing else is sure."""
     air, message, mark = kit.air, kit.command(Arm()), len(kit.air.came)
-
-    def sure() -> list[Packet]:
-        return [one for one in air.packets(wire.PUBLISH, mark) if one.is_sure]
-
     air.answers = lambda packet: not packet.is_sure
     try:
         kit.publish(message)
-        await air.until(lambda: len(sure()) >= 4, PATIENCE_S)
+        copies, pauses = await air.repeated(mark, PATIENCE_S)
     finally:
         air.answers = lambda packet: True
-    copies = sure()
-    expect(len(copies) >= 4, f"{len(copies)} PUBLISHes at QoS 1 within {PATIENCE_S:g} s, which nobody answered")
-    expect(len({one.same for one in copies}) == 1, "another PUBLISH at QoS 1 before the first was answered")
-    marks = [one.flags & DUP != 0 for one in copies]
-    expect(marks == [False] + [True] * (len(marks) - 1), f"DUP of the copies: {marks}")
-    pauses = [later.at_ms - earlier.at_ms for earlier, later in pairwise(copies)]
-    are_right = all(LEAST_MS - 20 <= pause <= LONGEST_MS + GRACE_MS for pause in pauses)
-    expect(are_right and pauses[2] > pauses[0], f"pauses of {pauses} ms")
     words = await kit.outcome(message)
     expect(len(kit.forwarded(message)) == 1, f"the command was told {len(kit.forwarded(message))} times")
     return f"{len(copies)} copies, {pauses} ms apart; then {words}"
@@ -379,11 +383,6 @@ async def check_activator_air(
         await fog.subscribe(*(f"{fog_side.root}drone{number}/#" for number in (1, 2)))
         if subject.is_ours:
             await subject.start()
-        try:
-            await kit.meet()
-            await kit.add_drones()
-        except Broken as broken:
-            return unmet(checked, checked[0].name, str(broken), on_finding)
-        return await check_all(checked, kit, on_finding)
+        return await check_met(kit.meet_all(), checked[0].name, checked, kit, on_finding)
     finally:
         await kit.close()

@@ -8,13 +8,14 @@ import struct
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, cast
 
 from mqttxt.core.clock import SessionClock
 from mqttxt.errors import ConfigurationError
 
 from .fields import COMMANDS, STATES
-from .registry import Broken
+from .registry import Broken, expect
 from .tap import Heard, Line, resolve
 
 CONNECT, CONNACK, WILLTOPICREQ, WILLTOPIC, WILLMSGREQ, WILLMSG, REGISTER, REGACK, PUBLISH, PUBACK = range(4, 14)
@@ -24,6 +25,10 @@ NORMAL, PREDEFINED = 0, 1
 """What a topic id is: one that was registered, or one of section 20's."""
 TOGETHER, REVOKED = 1, 2
 LARGEST = 1200
+LEAST_MS, LONGEST_MS = 100, 2000
+"""Between which an end repeats what is not answered (R20.5)."""
+GRACE_MS = 400
+"""How late a busy machine may be."""
 AGAIN_S = 1.0
 """After so long the kit repeats a PUBLISH that was not answered."""
 HEADERS = 28
@@ -202,6 +207,26 @@ class AirLine(Line, asyncio.DatagramProtocol):
             self._again.cancel()
         if self._transport is not None:
             self._transport.close()
+
+    async def repeated(self, mark: int, patience_s: float) -> tuple[list[Packet], list[int]]:
+        """The first copies, from packet number `mark` on, of a PUBLISH that nobody answers, and their pauses in ms.
+
+        Raises Broken where they are not as R20.5 has them, or another PUBLISH at QoS 1 is among them.
+        """
+
+        def sure() -> list[Packet]:
+            return [one for one in self.packets(PUBLISH, mark) if one.is_sure]
+
+        await self.until(lambda: len(sure()) >= 4, patience_s)
+        copies = sure()
+        expect(len(copies) >= 4, f"{len(copies)} PUBLISHes at QoS 1 within {patience_s:g} s, which nobody answered")
+        expect(len({one.same for one in copies}) == 1, "another PUBLISH at QoS 1 before the first was answered")
+        marks = [one.flags & DUP != 0 for one in copies]
+        expect(marks == [False] + [True] * (len(marks) - 1), f"DUP of the copies: {marks}")
+        pauses = [later.at_ms - earlier.at_ms for earlier, later in pairwise(copies)]
+        are_right = all(LEAST_MS - 20 <= pause <= LONGEST_MS + GRACE_MS for pause in pauses)
+        expect(are_right and pauses[2] > pauses[0], f"pauses of {pauses} ms")
+        return copies, pauses
 
     def forget(self) -> None:
         """The connection is over: nothing waits, nothing was told."""

@@ -12,7 +12,7 @@ from mqttxt.protocol.topics import CloudSide
 from . import gs_rules, gs_signed
 from .gs_kit import GsKit, GsTarget
 from .gs_script import play
-from .registry import RULES, Broken, Finding, Rule, check_all, unmet
+from .registry import RULES, Finding, Rule, check_met
 from .sealed import STATION
 from .secured import SecuredFog
 from .subject import Subject
@@ -47,11 +47,8 @@ async def check_gs(broker: BrokerAddress, target: GsTarget, on_finding: Callable
         if secured is not None:
             commands += [topics.drone_control(target.drone), topics.drone_sensor_ack(target.drone)]
         await tap.subscribe(f"{target.prefix}gs/+/reachable", topics.init_connect, *commands)
-        try:
-            await play(kit)
-        except Broken as broken:
-            return unmet(rules(secured is not None), "registers-as-specified", str(broken), on_finding)
-        return await check_all(rules(secured is not None), kit, on_finding)
+        checked = rules(secured is not None)
+        return await check_met(play(kit), "registers-as-specified", checked, kit, on_finding)
     finally:
         await kit.close()
 

@@ -101,6 +101,17 @@ async def check_all(rules: Iterable[Rule], kit: object, on_finding: Callable[[Fi
     return found
 
 
+async def check_met(
+    meeting: Awaitable[object], failed: str, rules: Iterable[Rule], kit: object, on_finding: Callable[[Finding], None]
+) -> list[Finding]:
+    """Check once the implementation has appeared; where `meeting` raises Broken, the rule `failed` fails alone."""
+    try:
+        await meeting
+    except Broken as broken:
+        return unmet(rules, failed, str(broken), on_finding)
+    return await check_all(rules, kit, on_finding)
+
+
 def unmet(rules: Iterable[Rule], failed: str, evidence: str, on_finding: Callable[[Finding], None]) -> list[Finding]:
     """The findings where the implementation never appeared: one rule fails, the others are not tested."""
     found = []

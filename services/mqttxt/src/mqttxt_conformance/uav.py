@@ -11,7 +11,7 @@ from mqttxt.protocol.topics import FogSide
 
 from . import uav_presence as presence
 from .autopilot import Autopilot
-from .registry import RULES, Broken, Finding, Rule, check_all, unmet
+from .registry import RULES, Finding, Rule, check_met
 from .relay import Relay, Two
 from .secured import SecuredUav
 from .subject import Subject
@@ -76,11 +76,7 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
         await kit.autopilot.start()
         if subject.is_ours:
             await subject.start()
-        try:
-            await kit.meet()
-        except Broken as broken:
-            return unmet(checked, checked[0].name, str(broken), on_finding)
-        return await check_all(checked, kit, on_finding)
+        return await check_met(kit.meet(), checked[0].name, checked, kit, on_finding)
     finally:
         await kit.close()
 

@@ -104,8 +104,9 @@ class Outgoing:
 
     def send(self, packet: bytes) -> None:
         """Hand a packet over, past paho."""
-        if self.sock is not None:
-            self.sock.send(packet)
+        sock = self.sock
+        if sock is not None:
+            sock.send(packet)
             self.flush_soon()
 
     def on_puback(self, mid: int) -> Hashable | None:
