@@ -23,7 +23,7 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
     pytest.mark.timeout(600),
-    pytest.mark.soak("services/mqttxt/src", "tests/rigs/broken_roles.py", too_long=True),
+    pytest.mark.soak("services/mqttxt/src", "tests/rigs/broken_roles.py"),
 ]
 
 BROKEN = str(Path(__file__).parents[1] / "rigs" / "broken_roles.py")
