@@ -1,7 +1,8 @@
 """What more drones cost, from runs of whole roles: tables for docs/scale.md, and what a picture of them needs.
 
 `python -m spec.scale FILE` writes them between their markers, from the runs that `python -m tests.bench load --write`
-added to `load.json` in the folder beside it, and from the bytes per hop in docs/performance.md.
+added to `load.json` in the folder beside it, from `prices.yaml` there, and from the bytes per hop in
+docs/performance.md.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from mqttxt.protocol.names import MAX_DRONE
 from testbed.plan.documents import ROOT
@@ -148,7 +150,21 @@ def costs_table(cost: dict[str, Cost]) -> str:
     return table(("ms of processor time", "a fog, per second", "a drone, per second", "a state", "a command"), rows)
 
 
-def needs_table(found: Sequence[Needs]) -> str:
+def read_prices(path: Path) -> dict[str, dict[str, Any]]:
+    """What is bought, by name: the dollars of it, the unit, and where that price was read."""
+    prices: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    return prices
+
+
+def prices_list(prices: dict[str, dict[str, Any]]) -> str:
+    return "\n".join(f"- {each['unit']}: ${each['dollars']} ({each['source']});" for each in prices.values())
+
+
+def needs_table(found: Sequence[Needs], prices: dict[str, dict[str, Any]]) -> str:
+    out_gb = [each.bytes_s[2] * MONTH_S / 1e9 for each in found]
+    computing = [prices["core"]["dollars"] * sum(each.cores.values()) / BUSY for each in found]
+    leaving = [prices["gigabyte"]["dollars"] * gigabytes for gigabytes in out_gb]
+    apiece = [sum(both) / each.drones for *both, each in zip(computing, leaving, found, strict=True)]
     rows: list[tuple[str, ...]] = [
         ("fleets, and fogs of 250", *(f"{each.fogs:,}" for each in found)),
         *((f"cores of {name}", *(f"{each.cores[role]:,.1f}" for each in found)) for role, name in ROLES.items()),
@@ -158,10 +174,11 @@ def needs_table(found: Sequence[Needs]) -> str:
             (f"{hop}, Mbit/s", *(f"{8 * each.bytes_s[place] / 1e6:,.1f}" for each in found))
             for place, hop in enumerate(HOPS)
         ),
-        (
-            "from the cloud to one who hears all, TB a month",
-            *(f"{each.bytes_s[2] * MONTH_S / 1e12:,.2f}" for each in found),
-        ),
+        ("a drone's radio, GB a month", *(f"{each.bytes_s[0] / each.drones * MONTH_S / 1e9:,.2f}" for each in found)),
+        ("from the cloud to one who hears all, TB a month", *(f"{gigabytes / 1000:,.2f}" for gigabytes in out_gb)),
+        ("cores, half idle, $ a month", *(f"{dollars:,.0f}" for dollars in computing)),
+        ("bytes out of the cloud, $ a month", *(f"{dollars:,.0f}" for dollars in leaving)),
+        ("both, $ a month and drone", *(f"{dollars:,.2f}" for dollars in apiece)),
     ]
     return table(("drones", *(f"{each.drones:,}" for each in found)), rows)
 
@@ -190,11 +207,13 @@ def main(*files: str) -> None:
     apiece = hops((ROOT / "docs" / "performance.md").read_text(encoding="utf-8"))
     for path in map(Path, files):
         runs = read_runs(path.with_suffix("") / "load.json")
+        prices = read_prices(path.with_suffix("") / "prices.yaml")
         cost = costs(runs)
         sections: dict[str, Callable[[], str]] = {
             "load-runs": partial(runs_table, runs),
             "load-costs": partial(costs_table, cost),
-            "load-needs": partial(needs_table, [needs(drones, cost, apiece) for drones in FLEETS]),
+            "load-needs": partial(needs_table, [needs(drones, cost, apiece) for drones in FLEETS], prices),
+            "load-prices": partial(prices_list, prices),
             "load-goals": partial(goals, cost),
             "load-limits": partial(limits, cost),
         }

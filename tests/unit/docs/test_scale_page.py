@@ -56,3 +56,13 @@ def test_what_a_thousand_drones_need_follows_from_the_costs() -> None:
 
 def test_bytes_of_a_drone_are_those_of_the_page_of_performance() -> None:
     assert hops("| MQTT-XT, bundles | 2,516 | 1,200, 600, 660 | **0.45** |\n") == (200, 100, 110)
+
+
+def test_money_is_cores_half_idle_and_bytes_out_at_their_prices() -> None:
+    prices = {"core": {"dollars": 10.0}, "gigabyte": {"dollars": 0.5}}
+    found = scale.needs_table([needs(1000, OF, (200.0, 100.0, 100.0))], prices)
+    rows = dict(line.strip("| ").split(" | ") for line in found.splitlines() if line.startswith("| "))
+    cores = sum(cost.cores(4, 1000, 100) for cost in OF.values())
+    assert rows["cores, half idle, $ a month"] == f"{10 * cores / 0.5:,.0f}"
+    assert rows["bytes out of the cloud, $ a month"] == "130"  # 100 kB/s for 30 days are 259.2 GB
+    assert rows["both, $ a month and drone"] == f"{(10 * cores / 0.5 + 129.6) / 1000:.2f}"
