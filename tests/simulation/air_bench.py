@@ -71,7 +71,13 @@ class AirBench:
         self._is_carrying = False
         self.broker_answers, self.broker_code, self.puback_code = True, 0, 0
         self.clients: dict[Port, BenchClient] = {}
-        self.gateway = Gateway(TopicIds(), self._to_client, self._side, lambda kind, detail: self.counted.append(kind))
+        self.lists_read = 0
+        self.newer_list: bytes | None = None
+        """A revocation list that the activator does not have."""
+        self.gateway = Gateway(
+            *(TopicIds(), self._to_client, self._side, lambda kind, detail: self.counted.append(kind)),
+            self._is_newer_list,
+        )
 
     def client(self, port: int = 1, client_id: str = "drone1-a", will: Will | None = WILL) -> BenchClient:
         """A UAV client that begins to connect."""
@@ -130,6 +136,10 @@ class AirBench:
         while self._carried:
             self._carried.popleft()()
         self._is_carrying = False
+
+    def _is_newer_list(self, payload: bytes) -> bool:
+        self.lists_read += 1
+        return payload == self.newer_list
 
     def _side(self, client: Callable[[], AirClient]) -> BrokerSide:
         self.sides.append(BrokerSide(client, self))

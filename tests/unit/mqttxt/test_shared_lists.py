@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from unittest.mock import create_autospec
 
 import pytest
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Inbound, Log, Publish, Subscribe
+from mqttxt.core.mqtt.sn.air import Air
 from mqttxt.core.shared_lists import LISTS, LISTS_AT_ONCE, SharedLists
 from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.security.authority import Authority
 from mqttxt.security.fleet import Fleet
+from mqttxt.security.identity import Identity
 from mqttxt.security.signed_by_authority import signed_list
 
 TOPIC = "fleet/revoked"
@@ -192,3 +196,11 @@ def test_who_only_hears_takes_a_newer_list_and_publishes_none(acme: Authority) -
     lists.on_newer(10)
     lists.on_message("broker", Inbound(TOPIC, old, 1, True), 20)
     assert [lists.tick(at_ms) for at_ms in (100, 5000)] == [[], []]
+
+
+def test_a_gateway_of_datagrams_passes_on_a_newer_list_alone(acme: Authority) -> None:
+    older, own, newer = numbered(acme, 1, 2, 3)
+    fleet = Fleet(acme.fleet.authority, acme.fleet.read(own))
+    for identity, passed in ((create_autospec(Identity, fleet=fleet), [newer]), (None, [])):
+        air = Air("127.0.0.1", 0, BrokerAddress.parse("mqtt://127.0.0.1"), "", lambda kind, detail: None, identity)
+        assert [each for each in (older, own, newer, b"", b"no list") if air._is_newer_list(each)] == passed

@@ -17,10 +17,13 @@ from mqttxt.core.mqtt.sn.air_client import REFLECTED
 from mqttxt.core.mqtt.sn.gateway import OPENED_AT_ONCE, Address, Gateway
 from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
 from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM
+from mqttxt.core.mqtt.sn.together import Told, pack
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds, _parsed
+from mqttxt.core.shared_lists import LISTS_AT_ONCE
 from tests.simulation.air_bench import GATEWAY, AirBench, BrokerSide, Port
 
 COMMANDS, RESULT, STATE = "drone1/commands", "drone1/commands_result/arm", "drone1/state/location"
+LIST = "fleet/revoked"
 EVIL: Port = ("evil", 1)
 JUNK = bytes((0, 0, 0, 0, 1, 255, 255))
 """A head of a message that can never be one."""
@@ -104,6 +107,40 @@ def test_a_second_client_s_will_does_not_say_that_a_drone_is_down_which_is_there
     bench.says(packets.WillMsg(b"down"), EVIL)
     bench.says(packets.Disconnect(1), EVIL)
     assert [side.will for side in bench.sides[1:] if side.closed == [True]] == []
+
+
+@pytest.mark.parametrize("topic_id", [id_of(LIST), TOGETHER])
+def test_a_stranger_says_nothing_to_all_nodes(topic_id: int) -> None:
+    """Every node hears `fleet/revoked`: what floods it fills what waits for each drone, commands among it."""
+    bench = AirBench()
+    stranger(bench)
+    junk = Told(LIST, b"no list", retain=True)
+    payload = pack(junk, TopicIds()) if topic_id == TOGETHER else junk.payload
+    answers = []
+    for number in range(1, 201):
+        answers += bench.says(Message(topic_id, payload, PREDEFINED, 1, number, retain=True), EVIL)
+    assert answers == [packets.Puback(topic_id, number) for number in range(1, 201)]
+    assert bench.sides[0].published == []
+    assert bench.lists_read <= LISTS_AT_ONCE
+
+
+def test_a_list_that_the_activator_lacks_is_passed_on() -> None:
+    bench = AirBench()
+    client = bench.up()
+    bench.newer_list = b"newer"
+    client.publish(LIST, b"newer", retain=True)
+    client.publish(RESULT)
+    client.publish(LIST, b"older", retain=True)
+    assert [(told.topic, told.payload) for told in bench.sides[0].published] == [(LIST, b"newer"), (RESULT, b"\0")]
+    assert client.acknowledged == [(LIST, 0), (RESULT, 0), (LIST, 0)]
+
+
+def test_a_will_says_nothing_to_all_nodes() -> None:
+    bench = AirBench()
+    bench.says(Connect("evil", 15, has_will=True), EVIL)
+    assert bench.says(packets.WillTopic(LIST), EVIL) == [packets.Connack(packets.NOT_SUPPORTED)]
+    bench.says(packets.WillMsg(b"no list"), EVIL)
+    assert bench.sides[0].client_id == ""
 
 
 def test_a_late_copy_of_a_subscribe_costs_no_connection_and_subscribes_nothing() -> None:

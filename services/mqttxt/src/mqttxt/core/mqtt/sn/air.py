@@ -142,7 +142,9 @@ class Air(asyncio.DatagramProtocol):
         self.count = count
         self.tasks: set[asyncio.Task[None]] = set()
         self.identity = identity
-        self._gateway = Gateway(TopicIds(root), self._send, lambda client: _ToBroker(self, client), count)
+        self._gateway = Gateway(
+            TopicIds(root), self._send, lambda client: _ToBroker(self, client), count, self._is_newer_list
+        )
         self._transport: asyncio.DatagramTransport | None = None
         self._timer: asyncio.TimerHandle | None = None
 
@@ -190,6 +192,16 @@ class Air(asyncio.DatagramProtocol):
     def error_received(self, error: Exception) -> None:
         """A datagram was not taken: lost, as on the way."""
         self.count("air_send", str(error))
+
+    def _is_newer_list(self, payload: bytes) -> bool:
+        """Whether it is a revocation list of the fleet that is newer than the activator's."""
+        if self.identity is None:
+            return False
+        fleet = self.identity.fleet
+        try:
+            return fleet.read(payload).number > fleet.revoked.number
+        except ConfigurationError:
+            return False
 
     def _send(self, datagram: bytes, address: Address) -> None:
         if self._transport is None:

@@ -68,8 +68,8 @@ class _Awaited:
 class AirClient:
     """One client at one address, from its CONNECT to its end. Times are seconds of one clock.
 
-    `claim` says whether the client's id and drone are nobody else's. It speaks of one drone: the first that its will
-    or a topic names.
+    `claim` says whether the client's id and drone are nobody else's, `is_newer_list` whether a payload is a revocation
+    list that is to be passed on. It speaks of one drone: the first that its will or a topic names.
     """
 
     def __init__(
@@ -79,6 +79,7 @@ class AirClient:
         send: Callable[[bytes], None],
         broker: BrokerSide,
         claim: Callable[[AirClient, float], bool],
+        is_newer_list: Callable[[bytes, float], bool],
         count: Callable[[str, str], None],
         now_s: float,
     ) -> None:
@@ -96,6 +97,7 @@ class AirClient:
         self._send_datagram = send
         self._broker = broker
         self._claim = claim
+        self._is_newer_list = is_newer_list
         self._count = count
         self._will_topic = ""
         self._since_s = self._last_in_s = now_s
@@ -313,6 +315,7 @@ class AirClient:
                     self.end(now_s)
                 return
         self.published += len(told)
+        told = [each for each in told if self._is_passed_on(each, now_s)]
         if message.qos:
             self._await(_Awaited(message.topic_id, message.msg_id, sum(each.qos > 0 for each in told), 0))
         for each in told:
@@ -328,6 +331,13 @@ class AirClient:
         if topic is None:
             raise ValueError(f"topic id {message.topic_id}: known to nobody")
         return [Told(topic, message.payload, message.qos, message.retain)]
+
+    def _is_passed_on(self, told: Told, now_s: float) -> bool:
+        """What is said to the client's own activator is; what every node hears only where it is news to all."""
+        if not self._ids.is_list(told.topic) or self._is_newer_list(told.payload, now_s):
+            return True
+        self._count("air_list", f"{self.client_id}: {told.topic}: no newer list of the fleet")
+        return False
 
     def _await(self, awaited: _Awaited) -> None:
         """PUBACK once the broker has acknowledged all."""
@@ -395,7 +405,7 @@ class AirClient:
 
     def _on_will_topic(self, packet: packets.WillTopic) -> None:
         self.drone = self._ids.drone_of(packet.topic)
-        if not self._ids.may_say(self.drone, packet.topic):
+        if self.drone is None or not self._ids.may_say(self.drone, packet.topic):
             self._count("air_topic", f"{self.client_id}: will {packet.topic}: not one that a drone publishes")
             self._send(packets.Connack(packets.NOT_SUPPORTED))
             self.stage = Stage.GONE

@@ -8,6 +8,7 @@ from typing import Any
 
 from ....protocol.cbor import MAX_PAYLOAD
 from ...floods import Budget
+from ...shared_lists import LISTS_AT_ONCE, LISTS_PER_S
 from . import packets
 from .air_client import AirClient, BrokerSide, Stage
 from .sender import LARGEST_DATAGRAM
@@ -27,7 +28,11 @@ Address = tuple[Any, ...]
 
 
 class Gateway:
-    """All clients. `send` takes a datagram for an address; `broker` makes the side of a client towards the broker."""
+    """All clients. `send` takes a datagram for an address; `broker` makes the side of a client towards the broker.
+
+    `is_newer_list` says whether a payload is a revocation list of the fleet that is newer than the activator's:
+    without an identity there are none.
+    """
 
     def __init__(
         self,
@@ -35,15 +40,18 @@ class Gateway:
         send: Callable[[bytes, Address], None],
         broker: Callable[[Callable[[], AirClient]], BrokerSide],
         count: Callable[[str, str], None],
+        is_newer_list: Callable[[bytes], bool] = lambda _payload: False,
     ) -> None:
         self._ids = ids
         self._send = send
         self._broker = broker
         self._count = count
+        self._is_newer_list = is_newer_list
         self._at: dict[Address, AirClient] = {}
         self._of_clients = Budget(CLIENT_PER_S, CLIENT_AT_ONCE)
         self._of_strangers = Budget(STRANGERS_PER_S, STRANGERS_AT_ONCE)
         self._of_openings = Budget(OPENED_PER_S, OPENED_AT_ONCE)
+        self._of_lists = Budget(LISTS_PER_S, LISTS_AT_ONCE)
 
     def received(self, datagram: bytes, address: Address, now_s: float) -> None:
         """A datagram came; what is no packet, and what is too much, is counted and dropped."""
@@ -109,6 +117,7 @@ class Gateway:
             lambda datagram: self._send(datagram, address),
             broker,
             self._claim,
+            self._passes_list,
             self._count,
             now_s,
         )
@@ -132,6 +141,10 @@ class Gateway:
             return True
         self._count("air_full", f"{client.client_id}: more than {OPENED_PER_S} connections a second to the broker")
         return False
+
+    def _passes_list(self, payload: bytes, now_s: float) -> bool:
+        """Whether a client's revocation list goes to the broker; what is beyond the share of all is not read."""
+        return self._of_lists.takes((), int(now_s * 1000)) and self._is_newer_list(payload)
 
     def _look_at(self, address: Address, now_s: float) -> None:
         client = self._at[address]

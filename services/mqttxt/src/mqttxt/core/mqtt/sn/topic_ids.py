@@ -67,7 +67,7 @@ class TopicIds:
     def id_of(self, topic: str) -> int | None:
         """The predefined id of a topic; None where it has none."""
         below = topic.removeprefix(self.root)
-        if topic == self.root + REVOKED:
+        if self.is_list(topic):
             return _REVOKED
         level, _, name = below.partition("/")
         low = _OF_NAME.get(name)
@@ -96,6 +96,10 @@ class TopicIds:
         found = self._parsed(topic)
         return found.drone if found is not None else None
 
+    def is_list(self, topic: str) -> bool:
+        """Whether it is the topic of the revocation list, which every node hears."""
+        return topic == self.root + REVOKED
+
     def may_say(self, drone: int | None, topic: str) -> bool:
         """Whether a UAV client of `drone` publishes a topic."""
         return self._may(_SAID, drone, topic)
@@ -105,7 +109,7 @@ class TopicIds:
         return self._may(_HEARD, drone, topic)
 
     def _may(self, kinds: frozenset[str], drone: int | None, topic: str) -> bool:
-        if topic == self.root + REVOKED:
+        if self.is_list(topic):
             return True
         found = self._parsed(topic)
         return found is not None and found.drone == drone and found.kind in kinds
