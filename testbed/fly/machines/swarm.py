@@ -6,6 +6,7 @@ What was made has a label, in the swarm or at its nodes, so that a run whose pre
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -21,6 +22,8 @@ PORT = 2377
 GATEWAY_BRIDGE = "docker_gwbridge"
 """What Docker makes of itself with a swarm, and does not remove."""
 NONE, ACTIVE = "inactive", "active"
+MARKED_S, POLL_S = 10.0, 0.2
+"""Within which a node can be given its label: none can while the swarm itself changes what it knows of the node."""
 
 
 @contextlib.contextmanager
@@ -31,11 +34,12 @@ def joined(here: Any, daemons: Sequence[Daemon]) -> Iterator[dict[str, str]]:
 
     Raises UserError for a machine that is in another swarm, or cannot join.
     """
-    _make(here)
+    asked: set[str] = set()
     try:
-        yield {daemon.name: _join(here, daemon) for daemon in daemons}
+        _make(here)
+        yield {daemon.name: _join(here, daemon, asked) for daemon in daemons}
     finally:
-        _leave(here, daemons)
+        _leave(here, daemons, asked)
 
 
 def _make(here: Any) -> None:
@@ -58,41 +62,67 @@ def forget(here: Any, node_id: str) -> None:
             node.remove(force=True)
 
 
-def _join(here: Any, daemon: Daemon) -> str:
+def _join(here: Any, daemon: Daemon, asked: set[str]) -> str:
+    """The id of a machine's node. Who was in no swarm is among those `asked` before it can be in this one."""
     where = f"{VARIABLE}: {daemon.machine.address}"
     found = daemon.client.info()["Swarm"]
     if found["LocalNodeState"] == NONE:
         address = here.info()["Swarm"]["NodeAddr"]
+        asked.add(daemon.name)
         try:
             daemon.client.swarm.join([f"{address}:{PORT}"], here.swarm.attrs["JoinTokens"]["Worker"])
-        except APIError as error:
+        except (APIError, RequestException) as error:
+            said = getattr(error, "explanation", None) or error
             expected = f"a machine that reaches TCP port {PORT} of {address}"
-            raise UserError(f"{where}: {error.explanation or error}: expected {expected}") from error
-        node = here.nodes.get(daemon.client.info()["Swarm"]["NodeID"])
-        spec = node.attrs["Spec"]
-        node.update({**spec, "Labels": {**spec.get("Labels", {}), LABEL: "joined"}})
-        return str(node.id)
+            raise UserError(f"{where}: {said}: expected {expected}") from error
+        node_id = str(daemon.client.info()["Swarm"]["NodeID"])
+        _mark(here, daemon, node_id)
+        return node_id
     if found["NodeID"] not in {node.id for node in here.nodes.list()}:
         raise UserError(f"{where}: is in another swarm: expected none, or this machine's (docker swarm leave)")
     return str(found["NodeID"])
 
 
-def _leave(here: Any, daemons: Sequence[Daemon]) -> None:
-    """Take apart what was made. Raises DockerError naming the machines that do not answer."""
-    if here.info()["Swarm"]["LocalNodeState"] != ACTIVE:
+def _mark(here: Any, daemon: Daemon, node_id: str) -> None:
+    """Give a node its label. Raises DockerError naming the machine."""
+    deadline_s = time.monotonic() + MARKED_S
+    while True:
+        try:
+            node = here.nodes.get(node_id)
+            spec = node.attrs["Spec"]
+            node.update({**spec, "Labels": {**spec.get("Labels", {}), LABEL: "joined"}})
+        except APIError as error:
+            if time.monotonic() > deadline_s:
+                raise DockerError(f"{daemon.name}: its node cannot be labelled: {error.explanation}") from error
+            time.sleep(POLL_S)
+        else:
+            return
+
+
+def _leave(here: Any, daemons: Sequence[Daemon], asked: set[str]) -> None:
+    """Take apart what was made: who was `asked` leaves, though it was interrupted, and who a killed run had asked.
+
+    Of a swarm that is not this machine's nobody leaves. Raises DockerError naming the machines that do not answer.
+    """
+    found = here.info()["Swarm"]
+    if found["LocalNodeState"] != ACTIVE or not found["ControlAvailable"]:
         return
     is_ours = LABEL in here.swarm.attrs["Spec"].get("Labels", {})
     nodes = {node.id: node for node in here.nodes.list()}
     left = []
     for daemon in daemons:
         try:
-            node = nodes.get(daemon.client.info()["Swarm"].get("NodeID"))
-            if node is not None and LABEL in node.attrs["Spec"].get("Labels", {}):
+            there = daemon.client.info()["Swarm"]
+            node = nodes.get(there.get("NodeID"))
+            is_known = node is not None and (is_ours or LABEL in node.attrs["Spec"].get("Labels", {}))
+            if there["LocalNodeState"] != NONE and (is_known or daemon.name in asked):
                 daemon.client.swarm.leave(force=True)
                 _remove_bridge(daemon.client)
-                node.remove(force=True)
+                if node is not None:
+                    node.remove(force=True)
         except (APIError, RequestException):
-            left.append(daemon.name)
+            if daemon.name in asked:  # another one may be in a swarm of its own
+                left.append(daemon.name)
     if is_ours:
         here.swarm.leave(force=True)
         _remove_bridge(here)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from docker.errors import APIError
 from requests.exceptions import ConnectionError as NoAnswer
+from requests.exceptions import ReadTimeout
 
 from testbed.errors import ContainerDied, DockerError, FleetError, UserError
 from testbed.fly.containers import Containers
@@ -29,6 +30,8 @@ class _Node:
         self._swarm = swarm
 
     def update(self, spec: dict[str, Any]) -> None:
+        if self._swarm.refusals:
+            raise self._swarm.refusals.pop()
         self.attrs["Spec"] = spec
 
     def remove(self, force: bool) -> None:
@@ -41,6 +44,8 @@ class _Swarm:
     def __init__(self, labels: dict[str, str]) -> None:
         self.labels = labels
         self.nodes: list[_Node] = []
+        self.refusals: list[BaseException] = []
+        """What changing a node ends with, last first."""
 
 
 class _Docker:
@@ -52,6 +57,8 @@ class _Docker:
         self.manages = False
         self.bridge = False
         self.answers = True
+        self.is_joining = False
+        """It goes on trying to join a swarm that it does not reach."""
         self.swarm = SimpleNamespace(init=self._init, join=self._join, leave=self._leave, attrs={})
         self.nodes = SimpleNamespace(list=lambda: list(self._own.nodes), get=self._get)
         self.networks = SimpleNamespace(get=lambda _: SimpleNamespace(attrs={"Containers": {}}, remove=self._unbridge))
@@ -59,7 +66,7 @@ class _Docker:
     def info(self) -> dict[str, Any]:
         if not self.answers:
             raise NoAnswer("connection refused")
-        state = "inactive" if self.of is None else "active"
+        state = "pending" if self.is_joining else "inactive" if self.of is None else "active"
         found = {"LocalNodeState": state, "ControlAvailable": self.manages, "NodeAddr": "", "NodeID": self.node}
         return {"Swarm": found}
 
@@ -81,7 +88,9 @@ class _Docker:
         self._own.nodes.append(_Node(self._own, self))
 
     def _leave(self, force: bool) -> None:
-        self.of, self.manages = None, False
+        if self.of is None and not self.is_joining:
+            raise APIError("", explanation="This node is not part of a swarm")
+        self.of, self.manages, self.is_joining = None, False, False
 
     def _get(self, wanted: str) -> _Node:
         return next(node for node in self._own.nodes if node.id == wanted)
@@ -169,6 +178,77 @@ def test_of_machines_that_are_lost_only_who_joined_is_forgotten(here: _Docker, t
         for node_id in node_ids.values():
             forget(here, node_id)
         assert [node.id for node in here._own.nodes] == [here.node, member.node]
+
+
+def test_a_run_that_is_interrupted_before_a_node_has_its_label_leaves_no_machine_in_a_swarm(
+    here: _Docker, there: _Docker
+) -> None:
+    here.make({})
+    here._own.refusals = [KeyboardInterrupt()]
+    with pytest.raises(KeyboardInterrupt), joined(here, [_daemon("a", there)]):
+        pass
+    assert there.of is None
+    assert [node.id for node in here._own.nodes] == [here.node]
+
+
+def test_what_was_killed_before_a_node_had_its_label_is_taken_apart_by_the_next_run(
+    here: _Docker, there: _Docker
+) -> None:
+    here.make({LABEL: "made"})
+    there._join([], here)
+    with joined(here, [_daemon("a", there)]):
+        pass
+    assert here.of is there.of is None
+
+
+def test_a_run_that_is_interrupted_while_the_swarm_is_made_leaves_none(here: _Docker, there: _Docker) -> None:
+    def interrupted(labels: dict[str, str]) -> None:
+        here.make(labels)
+        raise KeyboardInterrupt
+
+    here.swarm.init = interrupted
+    with pytest.raises(KeyboardInterrupt), joined(here, [_daemon("a", there)]):
+        pass
+    assert here.of is None
+
+
+def test_a_machine_that_goes_on_joining_though_nobody_waits_is_stopped(here: _Docker, there: _Docker) -> None:
+    def hang(*_: object) -> None:
+        there.is_joining = True
+        raise ReadTimeout("Read timed out. (read timeout=20)")
+
+    there.swarm.join = hang
+    with (
+        pytest.raises(UserError, match=r"^MACHINES: unix:///a: Read timed out.*: expected a machine that reaches TCP"),
+        joined(here, [_daemon("a", there)]),
+    ):
+        pass
+    assert not there.is_joining
+    assert here.of is None
+
+
+def test_a_node_that_changes_meanwhile_is_labelled_all_the_same(here: _Docker, there: _Docker) -> None:
+    here.make({})
+    here._own.refusals = [APIError("", explanation="rpc error: update out of sequence")]
+    with joined(here, [_daemon("a", there)]):
+        assert here._get(there.node).attrs["Spec"]["Labels"] == {LABEL: "joined"}
+
+
+def test_nobody_is_told_to_take_a_machine_out_of_a_swarm_that_it_was_in_before(here: _Docker) -> None:
+    here.make({})
+    member = _Docker()
+    member._join([], here)
+    with joined(here, [_daemon("a", member)]):
+        member.answers = False
+    assert member.of is here.of is not None
+
+
+def test_a_worker_of_a_swarm_is_no_place_to_type_it_and_stays_one(here: _Docker, there: _Docker) -> None:
+    there.make({LABEL: "made"})
+    here._join([], there)
+    with pytest.raises(UserError, match="expected this machine in no swarm"), joined(here, [_daemon("a", there)]):
+        pass
+    assert here.of is there.of is not None
 
 
 class _There:
