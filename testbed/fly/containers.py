@@ -38,6 +38,8 @@ HEALTH_INTERVAL = "24h"
 LOG_LINES = 12
 SERVICE_LABEL = "com.docker.compose.service"
 PROJECT_LABEL = "com.docker.compose.project"
+NO_ANSWER = (DockerException, RequestException, LookupError, TypeError, ValueError)
+"""What comes of a Docker that refuses, is silent, breaks off, or answers what is no answer."""
 OURS: dict[str, str | list[str] | bool] = {"label": f"{PROJECT_LABEL}={PROJECT}"}
 NODE_USER = "1000:1000"
 
@@ -255,7 +257,7 @@ def connect_docker(address: str | None = None) -> docker.DockerClient:
     try:
         client = docker.from_env() if address is None else docker.DockerClient(address, timeout=ANSWER_S)
         client.ping()
-    except DockerException as error:
+    except NO_ANSWER as error:
         what_to_do = "; type: make doctor" if address is None else ""
         raise DockerError(f"Docker does not answer: {error}{what_to_do}") from error
     return client

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from docker.errors import APIError, ImageNotFound
+from docker.errors import ImageNotFound
 
 from ...errors import DockerError, UserError
 from ...plan.machines import VARIABLE, Machine
-from ..containers import connect_docker
+from ..containers import NO_ANSWER, connect_docker
 
 SOCKET = "/var/run/docker.sock"
 OPENED_S, ENDED_S = 30.0, 5.0
@@ -53,7 +53,7 @@ def reached(machines: Sequence[Machine], image: str) -> Iterator[tuple[Daemon, .
             try:
                 client = connect_docker(address)
             except DockerError as error:
-                raise UserError(f"{VARIABLE}: {machine.address}: {error}") from error
+                raise UserError(f"{VARIABLE}: {machine.address}: {in_a_line(error)}") from error
             stack.callback(client.close)
             daemons.append(Daemon(machine, address, client))
         here = connect_docker()
@@ -68,15 +68,20 @@ def _check(here: Any, daemons: Sequence[Daemon]) -> None:
     known = {_identity(here.info()): "this machine"}
     wanted = here.version()
     for daemon in daemons:
-        info, found = daemon.client.info(), daemon.client.version()
         where = f"{VARIABLE}: {daemon.machine.address}"
-        if (same := known.get(_identity(info))) is not None:
+        try:
+            info, found = daemon.client.info(), daemon.client.version()
+            identity, networks = _identity(info), tuple(info["Plugins"]["Network"])
+            told = {what: str(found[what]) for what in ("Version", "Arch")}
+        except NO_ANSWER as error:
+            raise UserError(f"{where}: Docker does not say what it is: {in_a_line(error)}") from error
+        if (same := known.get(identity)) is not None:
             raise UserError(f"{where}: its Docker is that of {same}: expected each machine once")
-        known[_identity(info)] = daemon.machine.address
-        for what in ("Version", "Arch"):
-            if found[what] != wanted[what]:
-                raise UserError(f"{where}: Docker's {what} is {found[what]}: expected {wanted[what]}, as here")
-        if OVERLAY not in info["Plugins"]["Network"]:
+        known[identity] = daemon.machine.address
+        for what, value in told.items():
+            if value != wanted[what]:
+                raise UserError(f"{where}: Docker's {what} is {value}: expected {wanted[what]}, as here")
+        if OVERLAY not in networks:
             raise UserError(f"{where}: expected a Docker that has overlay networks")
 
 
@@ -91,16 +96,28 @@ def _bring_image(here: Any, daemon: Daemon, image: str) -> None:
         wanted = here.images.get(image).id
     except ImageNotFound as error:
         raise DockerError(f"{image}: not here; type: make containers") from error
-    with contextlib.suppress(ImageNotFound):
-        if daemon.client.images.get(image).id == wanted:
-            return
-    try:
+    with does(daemon.name, f"{image} could not be loaded"):
+        with contextlib.suppress(ImageNotFound):
+            if daemon.client.images.get(image).id == wanted:
+                return
         daemon.client.api.load_image(here.api.get_image(image))
         found = daemon.client.images.get(image).id
-    except APIError as error:
-        raise DockerError(f"{daemon.name}: {image} could not be loaded: {error}") from error
     if found != wanted:
         raise DockerError(f"{daemon.name}: {image} is {found} there: expected {wanted}")
+
+
+@contextlib.contextmanager
+def does(name: str, failure: str) -> Iterator[None]:
+    """Raises DockerError naming a machine whose Docker does not do what it is asked within this."""
+    try:
+        yield
+    except NO_ANSWER as error:
+        raise DockerError(f"{name}: {failure}: {in_a_line(error)}") from error
+
+
+def in_a_line(text: object) -> str:
+    """What another machine says, as one line that only says what it shows."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
 
 
 @contextlib.contextmanager
@@ -114,9 +131,12 @@ def _socket_of(machine: Machine) -> Iterator[str]:
     with tempfile.TemporaryDirectory(prefix="mqttxt-testbed-") as folder:
         local = Path(folder) / "docker.sock"
         words = [*SSH, "-L", f"{local}:{SOCKET}", *(["-p", port] if port else []), target]
-        process = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
-        )
+        try:
+            process = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, errors="replace", start_new_session=True
+            )
+        except FileNotFoundError as error:
+            raise UserError(f"{VARIABLE}: {machine.address}: expected ssh to be installed here") from error
         try:
             _wait_until_forwarded(machine, process, local)
             yield f"unix://{local}"
@@ -134,10 +154,9 @@ def _wait_until_forwarded(machine: Machine, process: subprocess.Popen[str], loca
     while not local.exists():
         if process.poll() is not None:
             assert process.stderr is not None
-            said = process.stderr.read().strip().splitlines() or [f"ssh ended with exit code {process.returncode}"]
-            raise UserError(
-                f"{VARIABLE}: {machine.address}: {said[-1]}: expected a machine that ssh reaches without asking"
-            )
+            lines = process.stderr.read().strip().splitlines() or [f"ssh ended with exit code {process.returncode}"]
+            expected = "expected a machine that ssh reaches without asking"
+            raise UserError(f"{VARIABLE}: {machine.address}: {in_a_line(lines[-1])}: {expected}")
         if time.monotonic() > deadline_s:
             raise UserError(f"{VARIABLE}: {machine.address}: ssh has not forwarded {SOCKET} within {OPENED_S:g} s")
         time.sleep(POLL_S)

@@ -335,3 +335,18 @@ def test_a_machine_that_ssh_does_not_reach_is_named_with_what_ssh_says(
         pass
     expected = "expected a machine that ssh reaches without asking"
     assert str(error.value) == f"MACHINES: ssh://a: a: Permission denied: {expected}"
+
+
+def test_what_ssh_says_is_one_line_whatever_bytes_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _ssh(tmp_path, monkeypatch, r"printf 'banner\n\377\376 \033[2J no\tentry\n' >&2; exit 255")
+    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
+        pass
+    assert str(error.value).isprintable()
+    assert "no entry: expected a machine that ssh reaches without asking" in str(error.value)
+
+
+def test_a_machine_without_ssh_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
+        pass
+    assert str(error.value) == "MACHINES: ssh://a: expected ssh to be installed here"

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import socket
+import tarfile
+import tempfile
+import threading
+from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +16,9 @@ import pytest
 from docker.errors import APIError, ImageNotFound
 
 from testbed.errors import DockerError, UserError
+from testbed.fly import containers
 from testbed.fly.machines import reach
+from testbed.fly.machines.overlays import Carrier
 from testbed.fly.machines.reach import Daemon
 from testbed.plan.machines import Machine
 
@@ -46,6 +55,54 @@ class _Docker:
             raise APIError("no space left on device")
         self.loaded += chunks
         self._image = chunks[0].decode()
+
+
+class OddDocker:
+    """A daemon's socket. What a path that holds a key of `answers` is answered with; None: nothing, ever."""
+
+    def __init__(self, folder: Path) -> None:
+        self.answers: dict[str, bytes | None] = {}
+        self.address = f"unix://{folder}/s"
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(f"{folder}/s")
+        self._listener.listen()
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def close(self) -> None:
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=self._talk, args=(connection,), daemon=True).start()
+
+    def _talk(self, connection: socket.socket) -> None:
+        with connection, connection.makefile("rb") as asked:
+            while line := asked.readline():
+                while asked.readline().strip():
+                    pass
+                body = self._answer(line.split()[1].decode())
+                if body is not None:
+                    head = f"HTTP/1.1 200 OK\r\nApi-Version: 1.41\r\nContent-Length: {len(body)}\r\n\r\n".encode()
+                    connection.sendall(body if body.endswith(b"\r\n") else head + body)
+
+    def _answer(self, path: str) -> bytes | None:
+        for part, answer in self.answers.items():
+            if part in path:
+                return answer
+        return b'{"Version":"20.10","Arch":"amd64","ApiVersion":"1.41"}' if "version" in path else b"OK"
+
+
+@pytest.fixture
+def odd_docker() -> Iterator[OddDocker]:
+    with tempfile.TemporaryDirectory(prefix="mx") as folder:  # short: a socket's path may have 107 bytes
+        docker = OddDocker(Path(folder))
+        yield docker
+        docker.close()
 
 
 def _daemons(*clients: _Docker) -> list[Daemon]:
@@ -86,3 +143,73 @@ def test_an_image_that_is_nowhere_or_cannot_be_loaded_is_named() -> None:
     there.refuses = True
     with pytest.raises(DockerError, match=r"^a: node:latest could not be loaded: no space left on device$"):
         reach._bring_image(_Docker(), _daemons(there)[0], IMAGE)
+
+
+@pytest.mark.parametrize(
+    ("path", "answer", "said"),
+    [
+        ("", None, "Docker does not answer: .*Read timed out"),
+        ("_ping", None, "Docker does not answer: .*Read timed out"),
+        ("_ping", b"\xff\xfe\r\n\r\n", "Docker does not answer: .*BadStatusLine"),
+        ("version", b'{"ApiVersion":"x"}', "Docker does not answer: invalid literal"),
+        ("info", None, "Docker does not say what it is: .*Read timed out"),
+        ("info", b"[]", "Docker does not say what it is: "),
+        ("info", b"{}", "Docker does not say what it is: 'ID'"),
+        ("info", b'{"ID": "\xff', "Docker does not say what it is: "),
+        ("info", b'{"ID":"1","Name":"b","DockerRootDir":"/","Plugins":null}', "Docker does not say what it is: "),
+    ],
+)
+def test_a_docker_that_is_silent_or_says_no_answer_is_one_line_that_names_the_machine(
+    path: str, answer: bytes | None, said: str, odd_docker: OddDocker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(containers, "ANSWER_S", 0.2)
+    here = _Docker()
+    monkeypatch.setattr(here, "close", lambda: None, raising=False)
+    connect = containers.connect_docker
+    monkeypatch.setattr(reach, "connect_docker", lambda address=None: here if address is None else connect(address))
+    odd_docker.answers[path] = answer
+    machine = Machine(odd_docker.address, ())
+    with (
+        pytest.raises(UserError, match=rf"^MACHINES: {machine.address}: {said}") as error,
+        reach.reached([machine], IMAGE),
+    ):
+        pass
+    assert str(error.value).isprintable()
+
+
+def _archive(*names: str) -> bytes:
+    whole = io.BytesIO()
+    with tarfile.open(fileobj=whole, mode="w") as archive:
+        for name in names:
+            member = tarfile.TarInfo(name)
+            member.size = 1000
+            archive.addfile(member, io.BytesIO(bytes([65]) * 1000))
+    return whole.getvalue()
+
+
+def _carrier(sent: bytes) -> Carrier:
+    container = SimpleNamespace(get_archive=lambda _: ([sent], {}))
+    client = SimpleNamespace(containers=SimpleNamespace(get=lambda _: container))
+    return Carrier(Daemon(Machine("ssh://a", ()), "", client))
+
+
+def test_a_folder_is_fetched(tmp_path: Path) -> None:
+    _carrier(_archive("sitl/uav1/log", "sitl/uav2/log")).fetch("sitl", tmp_path)
+    assert sorted(path.parent.name for path in tmp_path.glob("sitl/*/log")) == ["uav1", "uav2"]
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "../sitl/log", "sitl/../manifest.json", "/sitl/log", "sitlx/log"])
+def test_nothing_but_the_folder_is_taken_from_another_machine(name: str, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    with pytest.raises(DockerError, match=r"^a: sitl cannot be fetched: '.*' is not in it$"):
+        _carrier(_archive("sitl/log", name)).fetch("sitl", run)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize("length", [0, 100, 512, 1000, 1536, 2000, 2048, 3072, 3500])
+def test_a_folder_that_comes_in_part_is_none(length: int, tmp_path: Path) -> None:
+    sent = _archive("sitl/a", "sitl/b")[:length]
+    with pytest.raises(DockerError, match=r"^a: sitl cannot be fetched: "):
+        _carrier(sent).fetch("sitl", tmp_path)
+    assert list(tmp_path.iterdir()) == []
