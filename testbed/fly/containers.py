@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import signal
 import subprocess
 import threading
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import Empty, Queue
@@ -61,6 +62,7 @@ class Containers:
         self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
         self._files = list(files) or compose_files(settings, fleet, run_dir)
         self._timeout_s = max(HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE * len(fleet.fog_of))
+        self._compose_limit_s = self._timeout_s if daemon is not None else None  # here compose may fetch an image
         self._client = connect_docker(daemon)
         self._environment = {
             **os.environ,
@@ -170,8 +172,9 @@ class Containers:
     def down(self) -> None:
         """End and remove everything of this project, whatever its profile and its fleet."""
         self._compose("down", "--timeout", "3", "--volumes", "--remove-orphans")
-        for network in self._client.networks.list(filters=OURS):
-            network.remove()  # compose leaves those that this fleet does not have
+        with _answered():
+            for network in self._client.networks.list(filters=OURS):
+                network.remove()  # compose leaves those that this fleet does not have
 
     def images(self) -> dict[str, str]:
         """Image ids by name."""
@@ -223,23 +226,18 @@ class Containers:
         options += [word for path in self._files for word in ("--file", str(path))]
         options += [word for profile in profiles for word in ("--profile", profile)]
         command = [*compose_command(), *options, *words]
-        done = subprocess.run(
-            command,
-            cwd=ROOT,
-            env=self._environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            start_new_session=True,  # a second Ctrl-C does not reach what takes the fleet down
-        )
-        if done.returncode != 0:
-            if "verlap" in done.stderr:
+        failure = FleetError if words[0] == "up" else DockerError
+        try:
+            code, said = _run(command, self._environment, self._compose_limit_s)
+        except subprocess.TimeoutExpired as error:
+            raise failure(f"compose {words[0]}: did not end within {error.timeout:g} s") from error
+        if code != 0:
+            if "verlap" in said:
                 raise DockerError(
                     "a network within 198.18.0.0/15 is in use by another Docker network; `make down` ends a fleet that "
                     "was left, `docker network ls` shows the others"
                 )
-            reasons = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
-            failure = FleetError if words[0] == "up" else DockerError
+            reasons = [line for line in said.splitlines() if "error" in line.lower()] or said.splitlines()
             raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
 
 
@@ -281,6 +279,30 @@ def services_of(profiles: tuple[str, ...], path: Path = COMPOSE_FILE) -> list[st
     """The services that profiles start. Raises UserError for a file that is no compose file."""
     services = read_services(path).items()
     return [name for name, service in services if set(profiles) & set(service.get("profiles", profiles))]
+
+
+def _run(command: Sequence[str], environment: Mapping[str, str], limit_s: float | None) -> tuple[int, str]:
+    """Exit code and stderr of a command.
+
+    Raises subprocess.TimeoutExpired. Whatever is raised, nothing that the command has started goes on.
+    """
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        errors="replace",
+        start_new_session=True,  # a second Ctrl-C does not reach what takes the fleet down
+    )
+    with process:
+        try:
+            _, said = process.communicate(timeout=limit_s)
+        except BaseException:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            raise
+    return process.returncode, said
 
 
 def compose_command() -> list[str]:

@@ -65,6 +65,8 @@ def remove_overlays(here: Any) -> None:
     """All of them, as soon as no container that is ending is attached any more."""
     deadline_s = time.monotonic() + GONE_S
     while overlays := here.networks.list(filters=OURS):
+        if time.monotonic() > deadline_s + GONE_S:
+            raise DockerError(f"network {overlays[0].name} is not gone {2 * GONE_S:g} s after it was first removed")
         for overlay in overlays:
             try:
                 overlay.remove()

@@ -156,10 +156,11 @@ class SpreadContainers(Containers):
 
     def save_logs(self, folder: Path) -> None:
         """The logs of all, and what nodes on other machines wrote into their run folders."""
-        super().save_logs(folder)
-        for name, carrier in self._carriers.items():
-            if name not in self._lost:
-                carrier.fetch(FETCHED, self._run_dir)
+        with contextlib.ExitStack() as last_first:
+            for name, carrier in self._carriers.items():
+                if name not in self._lost:
+                    last_first.callback(carrier.fetch, FETCHED, self._run_dir)
+            last_first.callback(super().save_logs, folder)
 
     def down(self) -> None:
         """Everything on every machine, and the overlays between them."""
@@ -170,13 +171,18 @@ class SpreadContainers(Containers):
             for name, other in self._others.items():
                 if name not in self._lost:
                     last_first.callback(self._carriers[name].remove)
-                    last_first.callback(other.down)
+                    last_first.callback(_down_there, name, other)
             last_first.callback(super().down)
         self._are_joined = False
 
     def _all(self) -> list[Any]:
         there = [other for name, other in self._others.items() if name not in self._lost]
         return [*super()._all(), *(container for other in there for container in other._all())]
+
+
+def _down_there(name: str, containers: Containers) -> None:
+    with _named(name):
+        containers.down()
 
 
 @contextlib.contextmanager

@@ -126,12 +126,12 @@ def composed(monkeypatch: pytest.MonkeyPatch) -> tuple[Containers, list[list[str
     monkeypatch.setattr(containers, "compose_command", lambda: ["compose"])
     ran: list[list[str]] = []
 
-    def run(command: list[str], **_: object) -> SimpleNamespace:
+    def run(command: list[str], *_: object) -> tuple[int, str]:
         ran.append(command)
-        said = "Creating router-gs\nERROR: for sitl1  Container 0a1b is unhealthy.\n"
-        return SimpleNamespace(returncode=int("up" in command), stderr=said)
+        return int("up" in command), "Creating router-gs\nERROR: for sitl1  Container 0a1b is unhealthy.\n"
 
-    monkeypatch.setattr(subprocess, "run", run)
+    monkeypatch.setattr(fleet, "_compose_limit_s", None, raising=False)
+    monkeypatch.setattr(containers, "_run", run)
     return fleet, ran
 
 
@@ -155,6 +155,22 @@ def test_a_start_that_compose_gives_up_is_the_fleets_own_failure(
     with pytest.raises(FleetError, match="compose up: ERROR: for sitl1  Container 0a1b is unhealthy"):
         fleet.start()
     assert [after for word, after in pairwise(ran[-1]) if word == "--profile"] == ["mavlink"]
+
+
+def test_compose_does_not_wait_for_another_machine_for_ever_and_nothing_of_it_goes_on(
+    composed: tuple[Containers, list[list[str]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, _ = composed
+    monkeypatch.undo()
+    started = tmp_path / "started"
+    for name, value in {"_profiles": (), "_environment": {}, "_files": [], "_compose_limit_s": 0.5}.items():
+        monkeypatch.setattr(fleet, name, value, raising=False)
+    script = f"sleep 60 & echo $! > {started}; wait"
+    monkeypatch.setattr(containers, "compose_command", lambda: ["/bin/sh", "-c", script])
+    with pytest.raises(DockerError, match=r"^compose down: did not end within 0\.5 s$"):
+        fleet.down()
+    state = Path(f"/proc/{started.read_text().strip()}/stat")
+    assert not state.exists() or state.read_text().split()[2] == "Z"
 
 
 def test_a_second_run_is_told_who_flies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from requests.exceptions import ReadTimeout
 from testbed.errors import ContainerDied, DockerError, FleetError, UserError
 from testbed.fly.containers import Containers
 from testbed.fly.machines import reach
+from testbed.fly.machines import spread as spread_module
 from testbed.fly.machines.reach import Daemon
 from testbed.fly.machines.spread import SpreadContainers
 from testbed.fly.machines.swarm import LABEL, forget, joined
@@ -304,6 +305,34 @@ def test_a_container_that_ends_on_another_machine_ends_the_flight(spread: tuple[
     there.error = ContainerDied("uav4 ended with exit code 137")
     with pytest.raises(ContainerDied, match="uav4"):
         list(fleet.execute("gs", ["mission"], limit_s=1))
+
+
+def test_a_machine_that_cannot_be_fetched_from_or_cleared_keeps_no_other_from_it(
+    spread: tuple[SpreadContainers, _There], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, _ = spread
+    done: list[str] = []
+
+    def made(name: str) -> Any:
+        def act(what: str) -> None:
+            done.append(f"{what} {name}")
+            if name == "a":
+                raise DockerError("Docker does not answer")
+
+        return SimpleNamespace(down=lambda: act("down"), fetch=lambda *_: act("fetch"), remove=lambda: act("remove"))
+
+    both: dict[str, Any] = {name: made(name) for name in "ab"}
+    fleet._others, fleet._carriers, fleet._run_dir, fleet._client = both, both, tmp_path, SimpleNamespace()  # type: ignore[assignment]
+    monkeypatch.setattr(Containers, "save_logs", lambda self, folder: None)
+    monkeypatch.setattr(Containers, "down", lambda self: done.append("down here"))
+    monkeypatch.setattr(spread_module, "remove_overlays", lambda here: done.append("overlays"))
+    with pytest.raises(DockerError):
+        fleet.save_logs(tmp_path)
+    with pytest.raises(DockerError):
+        fleet.down()
+    assert sorted(done) == sorted(
+        ["fetch a", "fetch b", "down here", "down a", "remove a", "down b", "remove b", "overlays"]
+    )
 
 
 def _ssh(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
