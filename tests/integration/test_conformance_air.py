@@ -43,6 +43,7 @@ ACTIVATOR_VARIANTS = {
     "air-activator-takes-repetitions": "takes-a-repetition-once",
     "air-activator-knows-no-names": "serves-by-names",
     "air-activator-serves-every-topic": "serves-a-drone-alone",
+    "air-activator-passes-every-list": "lets-nobody-speak-to-all",
     "air-activator-keeps-the-will": "publishes-the-will",
     "air-activator-lets-newcomers-in": "keeps-who-is-there",
     "air-activator-says-nothing-to-strangers": "tells-strangers-to-come-anew",

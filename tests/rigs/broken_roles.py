@@ -571,6 +571,10 @@ def gateway_serves_every_topic() -> None:
     wrap(AirClient, "_may", lambda original: lambda self, rule, topic, now_s: True)
 
 
+def gateway_passes_every_list() -> None:
+    wrap(AirClient, "_is_passed_on", lambda original: lambda self, told, now_s: True)
+
+
 def gateway_lets_newcomers_in() -> None:
     def make(original: Any) -> Any:
         def on_connect(self: Any, packet: Any, *more: Any) -> Any:
@@ -628,6 +632,7 @@ VARIANTS: dict[str, Patch] = {
     "air-activator-takes-repetitions": takes_repetitions,
     "air-activator-knows-no-names": gateway_knows_no_names,
     "air-activator-serves-every-topic": gateway_serves_every_topic,
+    "air-activator-passes-every-list": gateway_passes_every_list,
     "air-activator-keeps-the-will": gateway_keeps_the_will,
     "air-activator-lets-newcomers-in": gateway_lets_newcomers_in,
     "air-activator-says-nothing-to-strangers": gateway_says_nothing_to_strangers,

@@ -245,6 +245,33 @@ async def serves_a_drone_alone(kit: AirKit) -> str:
     return f"return code {INVALID}; DISCONNECT for another drone's topic"
 
 
+@rule(ROLE, "R20.2", "R11.13")
+async def lets_nobody_speak_to_all(kit: AirKit) -> str:
+    """What is no list of the fleet does not come to `fleet/revoked`, which every node hears: neither said nor willed."""
+    client, other, sent = await kit.client(), await kit.client(), 3
+    topic = client.topics.revoked
+    try:
+        for one in (client, other):
+            await one.connect()
+        await other.subscribe(other.id_of(topic))
+        codes = {await client.surely(PREDEFINED, client.id_of(topic), b"no list") for _ in range(sent)}
+        await asyncio.sleep(QUIET_S)
+        came = other.packets(wire.PUBLISH)
+        expect(not came, f"another client hears {topic} from who has no list of the fleet")
+        expect(codes == {0}, f"PUBLISH on {topic}: return codes {sorted(codes)}, expected 0")
+    finally:
+        await client.close()
+        await other.close()
+    client = await kit.client()
+    try:
+        await client.ask(wire.CONNECT, wire.WILLTOPICREQ, CLEAN | WILL, 1, KEEPALIVE_S, rest=client.name.encode())
+        found = await client.ask(wire.WILLTOPIC, wire.CONNACK, QOS_1 | RETAIN, rest=topic.encode())
+        expect(found.code != 0, f"a will on {topic}: CONNACK with return code 0")
+    finally:
+        await client.close()
+    return f"{sent} payloads that are no list: return code 0, and nobody hears them; a will: refused"
+
+
 @rule(ROLE, "R20.9", "R20.7")
 async def publishes_the_will(kit: AirKit) -> str:
     """The will of who is silent for one and a half times its keep-alive, and of who leaves with a duration."""
