@@ -247,7 +247,7 @@ async def serves_a_drone_alone(kit: AirKit) -> str:
 
 @rule(ROLE, "R20.2", "R11.13")
 async def lets_nobody_speak_to_all(kit: AirKit) -> str:
-    """What is no list of the fleet does not come to `fleet/revoked`, which every node hears: neither said nor willed."""
+    """Nobody hears what is no list of the fleet on `fleet/revoked`, which every node hears; no will is taken for it."""
     client, other, sent = await kit.client(), await kit.client(), 3
     topic = client.topics.revoked
     try:
