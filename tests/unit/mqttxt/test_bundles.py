@@ -6,9 +6,13 @@ from typing import Any
 
 import pytest
 
-from mqttxt.core.effects import Publish
+from mqttxt.core.channel import Channel
+from mqttxt.core.effects import Log, Publish
 from mqttxt.core.settings import Settings
+from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.drone.published_states import PublishedStates
 from mqttxt.drone.role import UavClient
+from mqttxt.drone.streams import Streams
 from mqttxt.protocol.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
 from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.protocol.codec import decode, encode, layout_of
@@ -17,6 +21,7 @@ from mqttxt.protocol.fields import Binary, Integer, Scaled
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
 from mqttxt.protocol.state_payload import StampedState, decode_state
 from mqttxt.protocol.states import STATE, Armed, AutopilotText, Battery, Groundspeed, Heading, Severity
+from mqttxt.protocol.topics import FogSide
 from mqttxt.protocol.values import Encoding
 from tests.simulation.fogs import ActivatorBench, of, ready
 from tests.simulation.world import UAV_SESSION, heartbeat, position
@@ -62,6 +67,20 @@ def test_an_urgent_state_does_not_wait_for_the_second() -> None:
     client.on_mavlink(heartbeat(armed=True), 300)
     (publish,) = [e for e in client.tick(300) if isinstance(e, Publish)]
     assert [one.state for one in decode(DroneBundle, publish.payload).states] == [Armed(True)]
+
+
+@pytest.mark.parametrize("early", [False, True])
+def test_a_value_that_cannot_be_carried_is_counted_and_keeps_nothing_else_back(early: bool) -> None:
+    channel = Channel("fog", "", Settings(bundles=True))
+    states = PublishedStates(1, UAV_SESSION, channel, FogSide(), Streams(Vehicle(1)), None)
+    for state in (Battery(50), Groundspeed(1e9), Heading(90)):
+        states.throttle.update(state)
+    publish, log = states.bundle(100, early=early)
+    assert isinstance(publish, Publish)
+    assert isinstance(log, Log)
+    assert [one.state for one in decode(DroneBundle, publish.payload).states] == [Battery(50), Heading(90)]
+    assert log.kind == "autopilot_value"
+    assert log.detail.startswith("groundspeed")
 
 
 def test_topics_are_served_from_bundles() -> None:

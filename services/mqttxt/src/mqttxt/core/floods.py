@@ -56,6 +56,8 @@ class Repetitions(Generic[Key]):
 
     def due(self, now_ms: int) -> list[Key]:
         """What is to be answered now."""
+        if not self._answered_ms:
+            return []
         over = [key for key, at_ms in self._answered_ms.items() if now_ms - at_ms >= PAUSE_MS]
         for key in over:
             del self._answered_ms[key]

@@ -86,7 +86,8 @@ class BulkStore:
 
     def tick(self, now_ms: int) -> list[BulkAnswer]:
         """Objects that have become ready, for who waits for them."""
-        self._staged = {hash: one for hash, one in self._staged.items() if now_ms - one.touched_ms <= KEPT_MS}
+        if self._staged:
+            self._staged = {hash: one for hash, one in self._staged.items() if now_ms - one.touched_ms <= KEPT_MS}
         out: list[BulkAnswer] = []
         for kind, (message, get) in list(self._awaiting.items()):
             answer = self._newest(kind, get.known, now_ms)

@@ -44,6 +44,7 @@ class Enquiries:
         self._vehicle = vehicle
         self._all_states = all_states
         self._rates_hz = {**_RATES_HZ, "gps": _GPS_HZ} if all_states else _RATES_HZ
+        self._streamed = {name: SOURCES[name] for name in (*self._rates_hz, "home")}
         self._asked: dict[str, tuple[int, int]] = {}
         self._first_ms: int | None = None
 
@@ -63,9 +64,12 @@ class Enquiries:
             missing.append("version")
         if alive_ms >= PATIENCE_MS:
             enough_ms = min(SILENT_MS, alive_ms)
-            streamed = (name for name in (*self._rates_hz, "home") if name not in (*missing, *self._unwanted()))
-            missing += [name for name in streamed if self._vehicle.silence_ms(SOURCES[name], now_ms) >= enough_ms]
-        self._asked = {name: asked for name, asked in self._asked.items() if name in missing}
+            silent = self._vehicle.silent(self._streamed, now_ms - enough_ms)
+            if silent:
+                passed_over = {*missing, *self._unwanted()}
+                missing += [name for name in silent if name not in passed_over]
+        if self._asked:
+            self._asked = {name: asked for name, asked in self._asked.items() if name in missing}
         return [self._question(name) for name in missing if self._is_due(name, now_ms)]
 
     def _unwanted(self) -> list[str]:

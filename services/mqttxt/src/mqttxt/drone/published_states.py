@@ -55,7 +55,8 @@ class PublishedStates:
 
     def due(self, now_ms: int) -> list[State]:
         """The states to publish now by a rate of their own, and by their policies those that no bundle takes."""
-        self.throttle.apart = self._streams.names | self._unasked
+        names = self._streams.names
+        self.throttle.apart = names | self._unasked if names else self._unasked
         current = (self.throttle.current(name) for name in self._streams.due(now_ms))
         alone = self._without_bundled([state for state in current if state is not None])
         alone += self.texts.due(now_ms) if self.texts is not None else []
@@ -80,15 +81,24 @@ class PublishedStates:
         due = {state.name: state for state in self.throttle.due(now_ms)}
         due |= {name: self.throttle.current(name) or state for name, state in self._for_bundle.items()}
         self._for_bundle.clear()
-        encoded = [(state, self._encoded(state, now_ms)) for state in due.values()]
-        refused: list[Effect] = [found for _, found in encoded if isinstance(found, Log)]
-        together = [state for state, found in encoded if not isinstance(found, Log)]
+        together, refused = list(due.values()), list[Effect]()
+        try:
+            encoded = self._encoded_together(together, now_ms)
+        except PayloadError:  # one by one, only to know which of them cannot be carried
+            alone = [(state, self._encoded(state, now_ms)) for state in together]
+            refused += [found for _, found in alone if isinstance(found, Log)]
+            together = [state for state, found in alone if not isinstance(found, Log)]
+            encoded = self._encoded_together(together, now_ms)
         if not together:
             self._next_bundle_ms = on_schedule_ms if early else self._next_bundle_ms
             return refused
-        bundle, topic = drone_bundle(together, stamp(now_ms)), self._topics.states(self._drone)
-        payload = self._channel.state_payload(topic, encode(bundle, self._settings.encoding), self._session, now_ms)
+        topic = self._topics.states(self._drone)
+        payload = self._channel.state_payload(topic, encoded, self._session, now_ms)
         return [Publish(self._channel.link, topic, payload), *refused]
+
+    def _encoded_together(self, states: list[State], now_ms: int) -> bytes:
+        """A bundle; raises PayloadError where a value cannot be carried."""
+        return encode(drone_bundle(states, stamp(now_ms)), self._settings.encoding)
 
     def publish(self, states: Iterable[State], now_ms: int) -> list[Effect]:
         """Each state on its own topic; a value that cannot be carried is counted."""

@@ -46,16 +46,13 @@ class Streams:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
+        self.names: frozenset[str] = frozenset()
+        """The states that are published at a rate of their own."""
         self._turns: dict[str, Turn] = {}
         self._by_kind: dict[str, list[str]] = {}
         self._asked_hz: dict[str, float] = {}
         self._default_hz: dict[str, float] = {}
         self._next_reminder_ms = 0
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The states that are published at a rate of their own."""
-        return frozenset(self._turns)
 
     def waits(self, name: str, bundle_ms: int) -> bool:
         """Whether a state's rate lets it wait for a bundle that leaves once in `bundle_ms`; a message never does."""
@@ -119,6 +116,7 @@ class Streams:
         self._index()
 
     def _index(self) -> None:
+        self.names = frozenset(self._turns)
         self._by_kind = {}
         for name in self._turns:
             self._by_kind.setdefault(source_of(name) or "", []).append(name)

@@ -41,8 +41,10 @@ class Takeoffs:
 
     def undo(self, now_ms: int) -> list[Output]:
         """Command hold, now and then, while the autopilot is disarmed in the mode that our command left it in."""
+        if self._said_ms is None:
+            return []
         told = self._vehicle.seen(FlightMode, self._said_number)
-        if self._said_ms is None or told is None:
+        if told is None:
             return []
         is_in = told.mode is self._mode
         if not is_in and (self._entered or now_ms > self._said_ms + ENTER_MS):

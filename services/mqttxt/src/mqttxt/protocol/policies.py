@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -165,9 +165,9 @@ class Throttle:
         """The newest value of a state."""
         return self._current.get(name)
 
-    def is_due(self, names: Container[str], now_ms: int) -> bool:
+    def is_due(self, names: Iterable[str], now_ms: int) -> bool:
         """Whether any of some states would be published now."""
-        return any(state.name in names for state in self._due(now_ms))
+        return any(name in self._current and self._is_due(name, now_ms) for name in names)
 
     def forget_published(self) -> None:
         """Publish everything anew at the next `due`: the other side lost what it knew."""
@@ -178,16 +178,21 @@ class Throttle:
         self._published = {name: (None, at_ms) for name, (_, at_ms) in self._published.items()}
 
     def _due(self, now_ms: int) -> list[State]:
-        any_change = self._current.get(Armed.name) == Armed(True)
-        found = []
-        for name, state in self._current.items():
-            if name in self.apart:
-                continue
-            if name in self._published:
-                policy, (last, at_ms) = self._policies[name], self._published[name]
-                exceeds = _any_change if policy.is_for_rest and any_change else policy.exceeds
-                is_new = now_ms - at_ms >= policy.min_interval_ms and (last is None or exceeds(last, state))
-                if not is_new and now_ms - at_ms < policy.heartbeat_ms:
-                    continue
-            found.append(state)
-        return found
+        return [state for name, state in self._current.items() if self._is_due(name, now_ms)]
+
+    def _is_due(self, name: str, now_ms: int) -> bool:
+        """Whether a state that is known would be published now."""
+        if name in self.apart:
+            return False
+        published = self._published.get(name)
+        if published is None:
+            return True
+        policy, (last, at_ms) = self._policies[name], published
+        since_ms = now_ms - at_ms
+        if since_ms >= policy.heartbeat_ms:
+            return True
+        if since_ms < policy.min_interval_ms:
+            return False
+        any_change = policy.is_for_rest and self._current.get(Armed.name) == Armed(True)
+        exceeds = _any_change if any_change else policy.exceeds
+        return last is None or exceeds(last, self._current[name])

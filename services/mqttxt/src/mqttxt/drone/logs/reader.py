@@ -149,6 +149,8 @@ class LogReader:
 
     def tick(self, now_ms: int) -> list[Output]:
         """What is due by time, and what the autopilot's state forbids."""
+        if self._job is None and self._listing is None and not self._is_list_wanted:
+            return []
         job, reason = self._job, self._refusal(now_ms)
         out: list[Output] = []
         if reason is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Self
 
 from ...protocol.policies import is_elsewhere
 from ...protocol.states import Home, Location, State
@@ -19,6 +20,11 @@ class HomeOfArming:
     def __init__(self) -> None:
         self._altitude_m: float | None = None
         self._home: Home | None = None
+
+    def __copy__(self) -> Self:
+        twin = type(self)()
+        twin._altitude_m, twin._home = self._altitude_m, self._home
+        return twin
 
     def correct(self, told: Iterable[State], is_armed: bool) -> list[State]:
         """A message's states, with heights above this home, and with home itself where it is another one now."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Self
 
 from ...protocol.states import Gps, GpsFix, Health, State
 
@@ -17,6 +18,11 @@ class LostFix:
     def __init__(self) -> None:
         self._had = False
         self._lost_ms: int | None = None
+
+    def __copy__(self) -> Self:
+        twin = type(self)()
+        twin._had, twin._lost_ms = self._had, self._lost_ms
+        return twin
 
     def correct(self, told: Iterable[State], known: Health | None, now_ms: int) -> list[State]:
         """A message's states, without a verdict that the loss has outdated; `known` is the verdict of before."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
@@ -143,6 +144,11 @@ class Vehicle:
         """How long ago the last message of a kind came; infinite where none did."""
         found = self._arrivals.get(kind)
         return math.inf if found is None else now_ms - found.at_ms
+
+    def silent(self, kinds: Mapping[str, str], since_ms: int) -> list[str]:
+        """The keys of those kinds of messages of which none came after `since_ms`."""
+        arrivals = self._arrivals
+        return [name for name, kind in kinds.items() if kind not in arrivals or arrivals[kind].at_ms <= since_ms]
 
     def rate_hz(self, kind: str, now_ms: int) -> float:
         """How often messages of a kind have been coming; 0 where none did, or not any more."""
