@@ -19,6 +19,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from mqttxt.protocol.names import MAX_DRONE
@@ -54,15 +55,21 @@ class Fogs:
 
 @dataclass(frozen=True)
 class Load:
-    """What a run has shown. Shares are of one core, memory is in megabytes: a quarter into the run, and at its end."""
+    """What a run has shown. Shares are of one core, memory is in megabytes: a quarter into the run, and at its end.
+
+    `median_s` and `slowest_s` are from a call to the autopilot, `start_s` is until all drones were controlled, all
+    processes having been started at once.
+    """
 
     seconds: float
     words: Counter[str]
     lost: int
     doubled: int
     late: int
+    median_s: float
     slowest_s: float
     oldest_s: float
+    start_s: float
     shares: dict[str, float]
     rss_mb: dict[str, tuple[float, float]]
 
@@ -94,7 +101,8 @@ def measure(
         f"load: {of.count} drones at {fogs} fogs, 5 states a second each in bundles, {minutes:g} min: "
         f"{found.commands} commands, {found.lost} lost, {found.late} late, {found.doubled} doubled "
         f"({', '.join(f'{count} {word}' for word, count in found.words.most_common())}); from a call to the autopilot "
-        f"{1000 * found.slowest_s:.0f} ms at most; the oldest position at the station {found.oldest_s:.1f} s",
+        f"{1000 * found.median_s:.0f} ms in the median, {1000 * found.slowest_s:.0f} ms at most; the oldest position "
+        f"at the station {found.oldest_s:.1f} s; all drones controlled after {found.start_s:.0f} s",
         f"load: activators take {100 * per_250:.1f} % of a core per {MAX_DRONE} drones, the station "
         f"{100 * found.shares['station']:.0f} %, Mosquitto {100 * found.shares['broker']:.0f} %, the UAV clients "
         f"{100 * found.shares['drones']:.0f} %; MB after a quarter and at the end: {memory}",
@@ -112,10 +120,12 @@ async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float) -> Load:
         fleets = [_drones(folder, broker.url, prefix, plan) for prefix in dict.fromkeys(prefix for prefix, *_ in plan)]
         arguments = [broker.url, json.dumps(plan), str(every_s), str(folder)]
         station = Process(folder, "station", "tests.bench.load_station", *arguments)
+        started_s = time.monotonic()
         for process in (*activators, *fleets, station):
             stack.callback(process.start().kill)
         await eventually(lambda: station.ready_file.exists() or station.exit_code is not None, "ready", REACHABLE_S)
         assert station.exit_code is None, station.log.read_text()[-2000:]
+        start_s = time.monotonic() - started_s
         await asyncio.sleep(SETTLING_S)
         pids = {
             "activators": [process.pid for process in activators],
@@ -136,7 +146,7 @@ async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float) -> Load:
             for process in processes:
                 code = await asyncio.to_thread(process.wait, LAST_WORDS_S + 30)
                 assert code == 0, process.log.read_text()[-2000:]
-    return _judged(folder, plan, wall_s, shares, memory)
+    return judged(folder, plan, wall_s, start_s, shares, memory)
 
 
 def _root(prefix: str, fog: int) -> str:
@@ -166,30 +176,35 @@ def _drones(folder: Path, url: str, prefix: str, plan: list[tuple[str, int, int,
     return Process(folder, name, "tests.bench.load_drones", url, json.dumps(own), str(folder / f"{name}.json"))
 
 
-def _judged(
+def judged(
     folder: Path,
     plan: list[tuple[str, int, int, int]],
     wall_s: float,
+    start_s: float,
     shares: dict[str, float],
     memory: dict[str, tuple[float, float]],
 ) -> Load:
+    """What the reports in the folder say together. What was carried out before any command counts as doubled."""
     said = json.loads((folder / "station.json").read_text())
     reports = [json.loads(path.read_text()) for path in folder.glob("drones-*.json")]
     failed = [error for report in reports for error in report["failed"]]
     assert failed == [], failed[:3]
     done: dict[str, list[Any]] = {name: times for report in reports for name, times in report["commanded"].items()}
     words: Counter[str] = Counter()
-    lost, doubled, late, slowest_s = len(said["silent"]), 0, 0, 0.0
+    lost, doubled, late = len(said["silent"]), 0, 0
+    took_s: list[float] = []
     for prefix, fog, first, last in plan:
         for drone in range(first, last + 1):
             commands = said["commands"][f"{prefix}{fog}/{drone}"]
             times = [at_s for _, at_s in done[f"{_root(prefix, fog)}{drone}"]]
-            ends = [*(sent_s for sent_s, _, _ in commands[1:]), float("inf")]
-            for (sent_s, word, reason), end_s in zip(commands, ends, strict=True):
+            starts = [sent_s for sent_s, _, _ in commands] + [float("inf")]
+            doubled += sum(at_s < starts[0] for at_s in times)
+            for (sent_s, word, reason), end_s in zip(commands, starts[1:], strict=True):
                 own = [at_s for at_s in times if sent_s <= at_s < end_s]
                 words[word if reason is None else f"{word}({reason})"] += 1
                 lost += word == "unconfirmed" or (word == "completed" and not own)
                 doubled += max(0, len(own) - 1)
                 late += sum(at_s > sent_s + TTL_S for at_s in own)
-                slowest_s = max([slowest_s, *(at_s - sent_s for at_s in own)])
-    return Load(wall_s, words, lost, doubled, late, slowest_s, said["ages_s"][-1], shares, memory)
+                took_s += [at_s - sent_s for at_s in own]
+    delays = (median(took_s), max(took_s)) if took_s else (0.0, 0.0)
+    return Load(wall_s, words, lost, doubled, late, *delays, said["ages_s"][-1], start_s, shares, memory)
