@@ -19,7 +19,11 @@ from .compose import PROJECT, compose_text
 from .fleet import Fleet
 
 VARIABLE = "MACHINES"
-_ADDRESS = re.compile(r"unix:///\S+|ssh://([A-Za-z0-9_][A-Za-z0-9_.-]*@)?[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?")
+_ADDRESS = re.compile(
+    r"unix:///\S+|ssh://([A-Za-z0-9_][A-Za-z0-9_.-]*@)?[A-Za-z0-9][A-Za-z0-9.-]*(:(?P<port>[0-9]{1,5}))?"
+)
+_PASSWORD = re.compile(r"(//[^/@:]*:).*@")
+MAX_PORT = 65_535
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,11 @@ def machines_of(environment: Mapping[str, str], fleet: Fleet) -> tuple[Machine, 
     """
     addresses = [part.strip() for part in environment.get(VARIABLE, "").split(",") if part.strip()]
     for place, address in enumerate(addresses):
-        if not _ADDRESS.fullmatch(address):
+        found = _ADDRESS.fullmatch(address)
+        if found is None or not 1 <= int(found["port"] or 22) <= MAX_PORT:
+            shown = _PASSWORD.sub(r"\1***@", address)  # which is in the logs of whoever runs this by a program
             raise UserError(
-                f"{VARIABLE}: {address}: expected ssh://[USER@]HOST[:PORT] or unix:///PATH, a list with commas"
+                f"{VARIABLE}: {shown}: expected ssh://[USER@]HOST[:PORT] or unix:///PATH, a list with commas"
             )
         if address in addresses[:place]:
             raise UserError(f"{VARIABLE}: {address}: expected each machine once")
@@ -68,7 +74,8 @@ def _nodes(fleet: Fleet, fogs: Sequence[int]) -> tuple[str, ...]:
 def refuse_machines(environment: Mapping[str, str], what: str) -> None:
     """Raises UserError where MACHINES is set for what uses one machine alone."""
     if environment.get(VARIABLE):
-        raise UserError(f"{VARIABLE}={environment[VARIABLE]}: expected none for {what}, which uses this machine alone")
+        shown = _PASSWORD.sub(r"\1***@", environment[VARIABLE])
+        raise UserError(f"{VARIABLE}={shown}: expected none for {what}, which uses this machine alone")
 
 
 def overlay_of(node: str) -> str:

@@ -13,15 +13,16 @@ from typing import Any
 
 from docker.errors import ImageNotFound
 
-from ...errors import DockerError, UserError
+from ...errors import DockerError, TestbedError, UserError
+from ...plan.compose import PROJECT
 from ...plan.machines import VARIABLE, Machine
-from ..containers import NO_ANSWER, connect_docker
+from ..containers import NO_ANSWER, PROJECT_LABEL, SERVICE_LABEL, connect_docker
 
 SOCKET = "/var/run/docker.sock"
 OPENED_S, ENDED_S = 30.0, 5.0
 """Within which ssh forwards the socket, and ends."""
 POLL_S = 0.05
-OVERLAY = "overlay"
+OVERLAY, NET = "overlay", "net"
 SSH = ("ssh", "-nNT", *(word for option in (
     "BatchMode=yes", "ExitOnForwardFailure=yes", "ConnectTimeout=10", "ServerAliveInterval=5", "ServerAliveCountMax=3",
 ) for word in ("-o", option)))  # fmt: skip
@@ -59,6 +60,7 @@ def reached(machines: Sequence[Machine], image: str) -> Iterator[tuple[Daemon, .
         here = connect_docker()
         stack.callback(here.close)
         _check(here, daemons)
+        _refuse_flights(daemons)
         for daemon in daemons:
             _bring_image(here, daemon, image)
         yield tuple(daemons)
@@ -85,6 +87,18 @@ def _check(here: Any, daemons: Sequence[Daemon]) -> None:
             raise UserError(f"{where}: expected a Docker that has overlay networks")
 
 
+def _refuse_flights(daemons: Sequence[Daemon]) -> None:
+    """A fleet of a machine's own has `net` there; what a run of several machines left there has not."""
+    labels = [f"{PROJECT_LABEL}={PROJECT}", f"{SERVICE_LABEL}={NET}"]
+    for daemon in daemons:
+        with does(f"{VARIABLE}: {daemon.machine.address}", "Docker does not say what runs there", UserError):
+            found = daemon.client.api.containers(filters={"label": labels})
+        if found:
+            raise UserError(
+                f"{VARIABLE}: {daemon.machine.address}: a fleet of its own runs there: expected none (make down, there)"
+            )
+
+
 def _identity(info: Mapping[str, Any]) -> tuple[str, str, str]:
     """What tells a daemon from others: machines that were copied have one ID."""
     return info["ID"], info["Name"], info["DockerRootDir"]
@@ -107,12 +121,12 @@ def _bring_image(here: Any, daemon: Daemon, image: str) -> None:
 
 
 @contextlib.contextmanager
-def does(name: str, failure: str) -> Iterator[None]:
-    """Raises DockerError naming a machine whose Docker does not do what it is asked within this."""
+def does(name: str, failure: str, kind: type[TestbedError] = DockerError) -> Iterator[None]:
+    """Raises `kind` naming a machine whose Docker does not do what it is asked within this."""
     try:
         yield
     except NO_ANSWER as error:
-        raise DockerError(f"{name}: {failure}: {in_a_line(error)}") from error
+        raise kind(f"{name}: {failure}: {in_a_line(error)}") from error
 
 
 def in_a_line(text: object) -> str:

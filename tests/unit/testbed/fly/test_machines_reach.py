@@ -62,6 +62,8 @@ class OddDocker:
 
     def __init__(self, folder: Path) -> None:
         self.answers: dict[str, bytes | None] = {}
+        self.asked: list[tuple[str, str]] = []
+        """Methods and paths."""
         self.address = f"unix://{folder}/s"
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(f"{folder}/s")
@@ -85,7 +87,9 @@ class OddDocker:
             while line := asked.readline():
                 while asked.readline().strip():
                     pass
-                body = self._answer(line.split()[1].decode())
+                method, path, _ = line.decode().split()
+                self.asked.append((method, path))
+                body = self._answer(path)
                 if body is not None:
                     head = f"HTTP/1.1 200 OK\r\nApi-Version: 1.41\r\nContent-Length: {len(body)}\r\n\r\n".encode()
                     connection.sendall(body if body.endswith(b"\r\n") else head + body)
@@ -175,6 +179,36 @@ def test_a_docker_that_is_silent_or_says_no_answer_is_one_line_that_names_the_ma
     ):
         pass
     assert str(error.value).isprintable()
+
+
+def test_a_fleet_that_somebody_flies_on_a_machine_is_left_in_peace() -> None:
+    asked: list[dict[str, Any]] = []
+
+    def containers_there(filters: dict[str, Any]) -> list[dict[str, str]]:
+        asked.append(filters)
+        return [{"Id": "1"}] if len(asked) == 2 else []
+
+    a, b = _daemons(_Docker("a"), _Docker("b"))
+    for daemon in (a, b):
+        daemon.client.api.containers = containers_there
+    with pytest.raises(UserError) as error:
+        reach._refuse_flights([a, b])
+    assert str(error.value) == "MACHINES: ssh://b: a fleet of its own runs there: expected none (make down, there)"
+    assert asked[0] == {"label": ["com.docker.compose.project=mqttxt-testbed", "com.docker.compose.service=net"]}
+
+
+def test_a_machine_that_is_refused_is_left_as_it_is(odd_docker: OddDocker, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With real requests: the fleet is found, and nothing is asked of the machine but what it is and has."""
+    here = _Docker()
+    monkeypatch.setattr(here, "close", lambda: None, raising=False)
+    connect = containers.connect_docker
+    monkeypatch.setattr(reach, "connect_docker", lambda address=None: here if address is None else connect(address))
+    info = b'{"ID":"1","Name":"b","DockerRootDir":"/","Plugins":{"Network":["overlay"]}}'
+    odd_docker.answers |= {"info": info, "containers": b'[{"Id":"1"}]'}
+    machine = Machine(odd_docker.address, ())
+    with pytest.raises(UserError, match="a fleet of its own runs there"), reach.reached([machine], IMAGE):
+        pass
+    assert {method for method, _ in odd_docker.asked} == {"GET"}
 
 
 def _archive(*names: str) -> bytes:
