@@ -1,10 +1,11 @@
-"""Load against drones: the measured runs, the costs fitted to them, and bytes per hop."""
+"""Load against drones: the measured runs, the costs fitted to them, bytes per hop, and delays."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import log10
+from typing import Any
 
 from testbed.plan.documents import ROOT
 
@@ -13,15 +14,15 @@ from .svg import Drawing
 
 _LEAST, _MOST = 10, 1000
 """Drones on the axis, which is logarithmic."""
-_LEFT, _RIGHT, _TOP, _BOTTOM, _APART = 70, 420, 50, 330, 480
+_LEFT, _RIGHT, _TOP, _BOTTOM, _APART = 60, 310, 50, 330, 325
 _KINDS = ("mqttxt", "", "mavlink")
 _STEPS = (10, 20, 50, 100, 200, 500, 1000)
 _DOT = 7
 
 
 def draw() -> Drawing:
-    """Cores at the left, kbit per second at the right."""
-    drawing = Drawing(2 * _APART, 420, "Load against drones")
+    """Cores at the left, kbit per second in the middle, delays at the right."""
+    drawing = Drawing(3 * _APART + 10, 420, "Load against drones")
     runs = read_runs()
     page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
     cost, apiece, mavlink = costs(runs), hops(page), hops(page, MAVLINK)[0]
@@ -39,10 +40,24 @@ def draw() -> Drawing:
     place = _axes(drawing, _APART, "kbit per second", [value for values in kbit.values() for value in values])
     for (name, values), lower in zip(kbit.items(), (74, 88, 70, -10), strict=True):
         _curve(drawing, _APART, place, values, name, "mavlink" if name.startswith("MAVLink") else "mqttxt", lower)
+    _delays(drawing, 2 * _APART, runs)
     lines = "— by the costs fitted to all runs: 250 drones at a fog, a command to each every"
     drawing.text(_LEFT, 384, "● measured, with more fogs, and in some runs more commands", "small")
     drawing.text(_LEFT, 402, f"{lines} {COMMANDS_EVERY_S:g} s", "small")
     return drawing
+
+
+def _delays(drawing: Drawing, left: float, runs: Sequence[dict[str, Any]]) -> None:
+    """The longest time from a call to the autopilot in each run, and the median of those that have one."""
+    longest = [(run["drones"], 1000 * run["slowest_s"]) for run in runs]
+    medians = [(run["drones"], 1000 * run["median_s"]) for run in runs if "median_s" in run]
+    place = _axes(drawing, left, "ms from a call to the autopilot", [ms for _, ms in longest + medians])
+    for dots, kind in ((longest, "mqttxt"), (medians, "mavlink")):
+        for drones, ms in dots:
+            drawing.text(_across(left, drones), place(ms) + _DOT / 2, "●", f"{kind} small", "middle")
+    drawing.text(left + _LEFT, 384, "● longest of a run", "mqttxt small")
+    if medians:
+        drawing.text(left + _LEFT + 130, 384, "● median of a run", "mavlink small")
 
 
 def _across(left: float, drones: float) -> float:

@@ -125,12 +125,12 @@ def runs_table(runs: Sequence[dict[str, Any]]) -> str:
                 f"{run['seconds']:.0f} s",
                 f"{words:,}: {run['lost']}, {run['late']}, {run['doubled']}",
                 ", ".join(f"{count:,} {word}" for word, count in run["words"].items()),
-                f"{run['slowest_s']:.2f} s",
+                f"{_seconds(run.get('median_s'))}, {_seconds(run['slowest_s'])}",
                 *(f"{100 * run['shares'][role]:.1f}" for role in SHOWN),
                 memory,
             )
         )
-    head = ("drones, fogs, fleets", "lasting", "commands: lost, late, doubled", "last words", "slowest")
+    head = ("drones, fogs, fleets", "lasting", "commands: lost, late, doubled", "last words", "delay: median, slowest")
     return table(
         (
             *head,
@@ -139,6 +139,11 @@ def runs_table(runs: Sequence[dict[str, Any]]) -> str:
         ),
         rows,
     )
+
+
+def _seconds(value: float | None) -> str:
+    """The first runs kept no median."""
+    return "–" if value is None else f"{value:.2f} s"
 
 
 def costs_table(cost: dict[str, Cost]) -> str:

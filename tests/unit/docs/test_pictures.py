@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from spec import pictures
+from spec import load_picture, pictures
+from spec.scale import read_runs
 from testbed.plan.fleets import standard_fleet
 from tests.tools import screenshot
 
@@ -42,6 +43,18 @@ def test_the_terminals_figures_are_those_of_the_kept_series_and_nothing_is_loade
     shown = " ".join(texts("terminal")).replace("\xa0", " ")
     assert f"{sorted(one['packets'] for one in metrics['protocols']['mavlink']['attempts'])[1]:,} packets" in shown
     assert not re.search(r"@font-face|url\(http|<image", (FOLDER / "terminal.svg").read_text(encoding="utf-8"))
+
+
+def test_the_load_has_the_delays_of_every_run_and_the_medians_of_those_that_have_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = [run | {"median_s": median_s} for run, median_s in zip(read_runs()[:2], (0.02, 0.05), strict=True)]
+    monkeypatch.setattr(load_picture, "read_runs", lambda: [*runs, *read_runs()[2:]])
+    tree = ElementTree.fromstring(load_picture.draw().svg())
+    right = [one for one in tree.iter("{http://www.w3.org/2000/svg}text") if float(one.get("x", "0")) > 650]
+    dots = [one.get("class", "") for one in right if one.text == "●"]
+    assert dots.count("mqttxt small") == len(read_runs())
+    assert dots.count("mavlink small") == 2
 
 
 @pytest.mark.parametrize("file", sorted(path.name for path in FOLDER.iterdir()))

@@ -34,6 +34,13 @@ def test_no_command_of_any_run_was_lost_late_or_doubled() -> None:
     assert [(run["lost"], run["late"], run["doubled"]) for run in read_runs()] == [(0, 0, 0)] * len(read_runs())
 
 
+def test_a_run_has_its_median_delay_where_that_was_kept() -> None:
+    known = read_runs()[0]
+    old, new = scale.runs_table([known, known | {"median_s": 0.054}]).splitlines()[-2:]
+    assert f"| –, {known['slowest_s']:.2f} s |" in old
+    assert f"| 0.05 s, {known['slowest_s']:.2f} s |" in new
+
+
 def test_costs_are_found_again_in_what_they_make() -> None:
     found = costs([made_up(*of) for of in product((2, 10), (20, 200), (100, 3000))])
     for role, cost in OF.items():
