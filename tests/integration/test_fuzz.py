@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.rigs.inner_pytest import inner_environment
 from tests.rigs.processes import ROOT
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(420)]
@@ -21,7 +21,7 @@ def _output(command: list[str], **environment: str) -> str:
     done = subprocess.run(
         command,
         cwd=ROOT,
-        env={**os.environ, **environment},
+        env=inner_environment(**environment),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
 import sys
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 
 from tests import lateness
 from tests.e2e import flying
+from tests.rigs.inner_pytest import run_pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
 TESTS = Path(__file__).parents[1]
@@ -147,9 +147,7 @@ def _run(source: str, late: str, folder: Path, *options: str) -> list[str]:
     if late == "False":  # nor may it be late by the load of this machine
         lateness_py = folder / "tests" / "lateness.py"
         lateness_py.write_text(lateness_py.read_text().replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    return [line for line in done.stdout.splitlines() if line]
+    return [line for line in run_pytest(folder, *options).stdout.splitlines() if line]
 
 
 LATE = "the emulator did not keep up: 12.8 ms late at p99; expected 10 at most"

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests import soak
+from tests.rigs.inner_pytest import run_pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
 TESTS = """
@@ -46,8 +45,7 @@ def project(tmp_path: Path) -> Path:
 
 
 def run(project: Path, *words: str) -> list[str]:
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *words]
-    return subprocess.run(command, cwd=project, capture_output=True, text=True, check=False).stdout.splitlines()
+    return run_pytest(project, *words).stdout.splitlines()
 
 
 def not_run(lines: list[str]) -> list[str]:

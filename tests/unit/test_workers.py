@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
+from tests.rigs.inner_pytest import run_pytest
+
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
 TESTS_OWN = [Path(__file__).parents[1] / name for name in ("__init__.py", "workers.py", "lateness.py", "soak.py")]
-WORDS = ["--no-loadscope-reorder", "-p", "no:cacheprovider"]
+ORDERED = "--no-loadscope-reorder"
+LIMIT_S = 300
 TESTS = """
 import json, os, time
 from pathlib import Path
@@ -80,16 +81,11 @@ def run(folder: Path, files: dict[str, tuple[str, ...]], workers: int = 3, *opti
         named = ", ".join(f"pytest.mark.{mark}" for mark in own_marks)
         load = 5_000_000 if "integration" in own_marks else 1_000_000
         (folder / f"{name}.py").write_text(TESTS.replace("MARKS", named).replace("LOAD", str(load)))
-    done = run_pytest(folder, "--numprocesses", str(workers), *options)
+    done = run_pytest(folder, ORDERED, "--numprocesses", str(workers), *options, timeout_s=LIMIT_S)
     assert done.returncode == 0, done.stdout
     found = [Ran(*json.loads(line)) for line in (folder / "log").read_text().splitlines()]
     assert options or len(found) == 4 * len(files)
     return found
-
-
-def run_pytest(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pytest", *WORDS, *options]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
 
 
 @pytest.mark.long
@@ -97,7 +93,7 @@ def test_a_test_that_no_time_limit_ends_costs_its_worker_and_holds_nobody_up(tmp
     with pytest.raises(AssertionError):
         run(tmp_path, {"test_x": ("alone",), "test_i": ("integration",)}, 2, "-k", "nothing")
     (tmp_path / "test_j.py").write_text(HANGS)
-    done = run_pytest(tmp_path, "--numprocesses", "2")
+    done = run_pytest(tmp_path, ORDERED, "--numprocesses", "2", timeout_s=LIMIT_S)
     lines = done.stdout.splitlines()
     (named,) = [n for n, line in enumerate(lines) if "test_j.py::test_it failed: worker" in line]
     assert named < lines.index(next(line for line in lines if "short test summary" in line))
