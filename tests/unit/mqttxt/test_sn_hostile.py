@@ -14,7 +14,7 @@ from mqttxt.core.mqtt.events import LinkEvents
 from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.mqtt.sn import packets
 from mqttxt.core.mqtt.sn.air_client import REFLECTED
-from mqttxt.core.mqtt.sn.gateway import OPENED_AT_ONCE, Address, Gateway
+from mqttxt.core.mqtt.sn.gateway import BIRTHS_AT_ONCE, BIRTHS_PER_S, OPENED_AT_ONCE, Address, Gateway
 from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
 from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM
 from mqttxt.core.mqtt.sn.together import Told, pack
@@ -141,6 +141,37 @@ def test_a_will_says_nothing_to_all_nodes() -> None:
     assert bench.says(packets.WillTopic(LIST), EVIL) == [packets.Connack(packets.NOT_SUPPORTED)]
     bench.says(packets.WillMsg(b"no list"), EVIL)
     assert bench.sides[0].client_id == ""
+
+
+def test_a_stranger_does_not_flood_a_drone_with_its_own_births() -> None:
+    """A drone that is connected over TCP hears its own topic; the gateway does not know that the drone is there."""
+    bench = AirBench()
+    stranger(bench)
+    birth = id_of("drone7/reachable")
+    codes = []
+    for number in range(1, 1001):
+        (answer,) = bench.says(Message(birth, bytes(1000), PREDEFINED, 1, number, retain=True), EVIL)
+        assert isinstance(answer, packets.Puback)
+        codes.append(answer.code)
+        bench.now_s += 0.01
+    assert len(bench.sides[0].published) == codes.count(0) <= BIRTHS_AT_ONCE + 10 * BIRTHS_PER_S
+    assert set(codes) == {0, 0x97}
+    bench.now_s += 1
+    assert bench.says(Message(id_of("drone7/clock"), b"\0", PREDEFINED, 1, 1001), EVIL) == [
+        packets.Puback(id_of("drone7/clock"), 1001)
+    ]
+
+
+def test_nor_with_its_own_wills() -> None:
+    bench = AirBench()
+    for number in range(400):
+        port = ("evil", number)
+        bench.says(Connect(f"evil{number}", 15, has_will=True), port)
+        bench.says(packets.WillTopic("drone7/reachable"), port)
+        bench.says(packets.WillMsg(bytes(61_000)), port)
+        bench.says(packets.Disconnect(1), port)
+        bench.pass_time(0.05)
+    assert 1 <= sum(side.will is not None for side in bench.sides) <= 4
 
 
 def test_a_late_copy_of_a_subscribe_costs_no_connection_and_subscribes_nothing() -> None:

@@ -30,8 +30,8 @@ REFLECTED = 3
 """How many times the bytes that came from an address may go there before it is proven (RFC 9000, section 8.1)."""
 MOST_REGISTERED = 256
 """Topics that one client may register, or subscribe to by name."""
-_REFUSED = 0x87
-"""MQTT 5's reason code "not authorized"."""
+_REFUSED, _TOO_MUCH = 0x87, 0x97
+"""MQTT 5's reason codes "not authorized" and "quota exceeded"."""
 _Asked = Message | packets.Register | packets.Subscribe | packets.Unsubscribe
 _Answer = packets.Puback | packets.Regack | packets.Suback | packets.Unsuback
 
@@ -69,7 +69,8 @@ class AirClient:
     """One client at one address, from its CONNECT to its end. Times are seconds of one clock.
 
     `claim` says whether the client's id and drone are nobody else's, `is_newer_list` whether a payload is a revocation
-    list that is to be passed on. It speaks of one drone: the first that its will or a topic names.
+    list that is to be passed on, `takes_birth` whether a birth or will of so many bytes is. It speaks of one drone: the
+    first that its will or a topic names.
     """
 
     def __init__(
@@ -80,6 +81,7 @@ class AirClient:
         broker: BrokerSide,
         claim: Callable[[AirClient, float], bool],
         is_newer_list: Callable[[bytes, float], bool],
+        takes_birth: Callable[[int | None, int, float], bool],
         count: Callable[[str, str], None],
         now_s: float,
     ) -> None:
@@ -98,6 +100,7 @@ class AirClient:
         self._broker = broker
         self._claim = claim
         self._is_newer_list = is_newer_list
+        self._takes_birth = takes_birth
         self._count = count
         self._will_topic = ""
         self._since_s = self._last_in_s = now_s
@@ -315,10 +318,12 @@ class AirClient:
                     self.end(now_s)
                 return
         self.published += len(told)
-        told = [each for each in told if self._is_passed_on(each, now_s)]
+        refusals = [self._refusal(each, now_s) for each in told]
+        passed_on = [each for each, refusal in zip(told, refusals, strict=True) if refusal is None]
         if message.qos:
-            self._await(_Awaited(message.topic_id, message.msg_id, sum(each.qos > 0 for each in told), 0))
-        for each in told:
+            code = max((refusal for refusal in refusals if refusal is not None), default=0)
+            self._await(_Awaited(message.topic_id, message.msg_id, sum(each.qos > 0 for each in passed_on), code))
+        for each in passed_on:
             self._broker.publish(each, message.msg_id if each.qos else None)
 
     def _read(self, message: Message) -> list[Told]:
@@ -332,12 +337,15 @@ class AirClient:
             raise ValueError(f"topic id {message.topic_id}: known to nobody")
         return [Told(topic, message.payload, message.qos, message.retain)]
 
-    def _is_passed_on(self, told: Told, now_s: float) -> bool:
-        """What is said to the client's own activator is; what every node hears only where it is news to all."""
-        if not self._ids.is_list(told.topic) or self._is_newer_list(told.payload, now_s):
-            return True
-        self._count("air_list", f"{self.client_id}: {told.topic}: no newer list of the fleet")
-        return False
+    def _refusal(self, told: Told, now_s: float) -> int | None:
+        """The return code of what is not passed on, None for what is: others than the activator hear some of it."""
+        if self._ids.is_list(told.topic) and not self._is_newer_list(told.payload, now_s):
+            self._count("air_list", f"{self.client_id}: {told.topic}: no newer list of the fleet")
+            return 0
+        if self._ids.is_birth(told.topic) and not self._takes_birth(self.drone, len(told.payload), now_s):
+            self._count("air_flood", f"{self.client_id}: {told.topic}")
+            return _TOO_MUCH
+        return None
 
     def _await(self, awaited: _Awaited) -> None:
         """PUBACK once the broker has acknowledged all."""
@@ -414,7 +422,9 @@ class AirClient:
         self._send(packets.WillMsgReq())
 
     def _open(self, will: Will | None) -> None:
-        if not self._claim(self, self._last_in_s):
+        now_s = self._last_in_s
+        is_claimed = self._claim(self, now_s)
+        if not is_claimed or (will is not None and not self._takes_birth(self.drone, len(will.payload), now_s)):
             self._send(packets.Connack(packets.CONGESTION))
             self.stage = Stage.GONE
             return

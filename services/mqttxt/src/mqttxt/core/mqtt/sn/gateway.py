@@ -24,6 +24,9 @@ STRANGERS_PER_S, STRANGERS_AT_ONCE = 200, 400
 OPENED_PER_S, OPENED_AT_ONCE = 20, 60
 """Connections to the broker that are begun for all clients together; so many at most are under way."""
 
+BIRTHS_PER_S, BIRTHS_AT_ONCE = 5, 20
+"""Births and wills of one drone, by 1,200 bytes or part of them: the drone hears them, whoever says them."""
+
 Address = tuple[Any, ...]
 
 
@@ -51,6 +54,7 @@ class Gateway:
         self._of_clients = Budget(CLIENT_PER_S, CLIENT_AT_ONCE)
         self._of_strangers = Budget(STRANGERS_PER_S, STRANGERS_AT_ONCE)
         self._of_openings = Budget(OPENED_PER_S, OPENED_AT_ONCE)
+        self._of_births = Budget(BIRTHS_PER_S, BIRTHS_AT_ONCE)
         self._of_lists = Budget(LISTS_PER_S, LISTS_AT_ONCE)
 
     def received(self, datagram: bytes, address: Address, now_s: float) -> None:
@@ -118,6 +122,7 @@ class Gateway:
             broker,
             self._claim,
             self._passes_list,
+            self._takes_birth,
             self._count,
             now_s,
         )
@@ -145,6 +150,14 @@ class Gateway:
     def _passes_list(self, payload: bytes, now_s: float) -> bool:
         """Whether a client's revocation list goes to the broker; what is beyond the share of all is not read."""
         return self._of_lists.takes((), int(now_s * 1000)) and self._is_newer_list(payload)
+
+    def _takes_birth(self, drone: int | None, size: int, now_s: float) -> bool:
+        """Whether a birth or will is within its drone's share, which a long one takes more of."""
+        now_ms = int(now_s * 1000)
+        if not self._of_births.takes(drone, now_ms):
+            return False
+        self._of_births.owes(drone, now_ms, size // LARGEST_DATAGRAM)
+        return True
 
     def _look_at(self, address: Address, now_s: float) -> None:
         client = self._at[address]

@@ -100,6 +100,11 @@ class TopicIds:
         """Whether it is the topic of the revocation list, which every node hears."""
         return topic == self.root + REVOKED
 
+    def is_birth(self, topic: str) -> bool:
+        """Whether it is the topic of a drone's births and wills, which the drone hears too."""
+        found = self._parsed(topic)
+        return found is not None and found.kind == "reachable"
+
     def may_say(self, drone: int | None, topic: str) -> bool:
         """Whether a UAV client of `drone` publishes a topic."""
         return self._may(_SAID, drone, topic)
