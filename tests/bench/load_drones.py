@@ -18,6 +18,7 @@ import random
 import signal
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -120,8 +121,9 @@ class LightRunner(Runner):
         policies = {state.name: STEADY for state in FIVE}
         self.client = UavClient(drone, clock.session, Settings(bundles=True), FogSide(root), policies)
         super().__init__(self.client, clock)
-        self._loop = asyncio.get_running_loop()
         self.autopilot = LightAutopilot(drone)
+        self._answers: list[Any] = []
+        self._depth = 0
         self._next_beat_ms = 0
         self.links[LINK] = MqttLink(LINK, broker, f"load-{root}{drone}-{clock.session:08x}", self.client.will, self)
         self.does |= {Transmit: self._transmit, Journal: self._journal}
@@ -133,6 +135,17 @@ class LightRunner(Runner):
         """What is due by time at the autopilot and at the role."""
         self._beat()
         self.carry_out(self.client.tick(self.clock.now_ms()))
+
+    def carry_out(self, outputs: Iterable[Any]) -> None:
+        """The autopilot answers behind all that was told to it: a turn of a full process may take longer than a UAV
+        client waits before it tells it again.
+        """
+        self._depth += 1
+        super().carry_out(outputs)
+        self._depth -= 1
+        while self._answers and self._depth == 0:
+            answers, self._answers = self._answers, []
+            self._hear(answers)
 
     def received(self, link: str, message: Inbound) -> None:
         """An autopilot of its own would have gone on while this process had no processor: it is heard first."""
@@ -153,9 +166,7 @@ class LightRunner(Runner):
         """As in a UAV client's own runner: a last look at the clock before the write."""
         late = effect.not_after_ms is not None and self.clock.now_ms() > effect.not_after_ms
         if not late:
-            answers = self.autopilot.take(effect.message, effect.source)
-            if answers:
-                self._loop.call_soon(self._hear, answers)
+            self._answers += self.autopilot.take(effect.message, effect.source)
         if effect.ref is None:
             return
         if late:

@@ -10,16 +10,19 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.core.address import BrokerAddress
-from mqttxt.core.effects import Publish, Subscribe
+from mqttxt.core.clock import SessionClock
+from mqttxt.core.effects import Inbound, Publish, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.drone.commands import LINK
 from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.bundles import DroneBundle
-from mqttxt.protocol.codec import decode
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm
 from mqttxt.protocol.topics import FogSide
 from tests.bench.fleet import FIVE
 from tests.bench.load_drones import PARTS, STEADY, TICKS_PER_S, LightAutopilot, LightRunner, turn
+from tests.simulation.world import command_payload
 
 NOWHERE = BrokerAddress.parse("mqtt://127.0.0.1:1")
 
@@ -82,6 +85,23 @@ async def test_every_runner_is_called_ten_times_a_second_in_parts(monkeypatch: p
     assert max(counts.values()) - min(counts.values()) <= 1
     assert min(counts.values()) >= 1
     assert max(counts.values()) <= TICKS_PER_S + 1
+
+
+async def test_a_command_is_told_to_the_autopilot_once_however_late_the_next_turn_comes() -> None:
+    now_ms = 0
+    runner = LightRunner(3, NOWHERE, "fog1/")
+    runner.clock = SessionClock(lambda: now_ms * 1_000_000, runner.clock.session)
+    runner.turn()
+    runner.client.on_connected(LINK, 0)
+    for _ in range(2):
+        runner.subscribed(Subscribe(LINK, ("x",)))
+    command = command_payload(Arm(), executor_session=runner.clock.session)
+    runner.received(LINK, Inbound("fog1/drone3/commands", encode(command), 1))
+    now_ms = 2000
+    runner.turn()
+    now_ms = 4000
+    runner.turn()
+    assert [mav_cmd for mav_cmd, _ in runner.autopilot.commanded] == [mavlink.MAV_CMD_COMPONENT_ARM_DISARM]
 
 
 async def test_a_runner_hears_its_autopilot_before_the_first_turn_is_over() -> None:
