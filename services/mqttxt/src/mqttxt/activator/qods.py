@@ -18,8 +18,7 @@ USED = frozenset({Battery.name, MaxGroundspeed.name})
 
 def rank(links: Iterable[DroneLink], stale_ms: int, now_ms: int) -> tuple[Ranked, ...]:
     """The reachable drones by battery decile, higher first, then by largest groundspeed, then by number."""
-    found = [ranked for link in links for ranked in [_ranked(link, stale_ms, now_ms)] if ranked is not None]
-    return tuple(sorted(found, key=_place))
+    return tuple(_ranked(link, now_ms) for *_, link in _places(links, stale_ms, now_ms))
 
 
 def decile(remaining_pct: int) -> int:
@@ -27,26 +26,31 @@ def decile(remaining_pct: int) -> int:
     return min(DECILES - 1, remaining_pct // 10)
 
 
-def _place(ranked: Ranked) -> tuple[int, float, int]:
-    return -decile(ranked.remaining_pct), -ranked.max_groundspeed_m_s, ranked.drone
+def _places(links: Iterable[DroneLink], stale_ms: int, now_ms: int) -> list[tuple[int, int, int, DroneLink]]:
+    """Each reachable drone whose figures are known and not old, best first, behind what it is ranked by.
+
+    By the figures as CBOR has them: twice per second all are looked at, and hardly ever told.
+    """
+    found = []
+    for link in links:
+        ages = [link.age_ms(name, now_ms) for name in USED] if link.announced else [None]
+        if all(age is not None and age <= stale_ms for age in ages):
+            remaining_pct, speed = (link.states[name].state.item[1] for name in (Battery.name, MaxGroundspeed.name))
+            found.append((-decile(remaining_pct), -speed, link.number, link))
+    found.sort()
+    return found
 
 
-def _ranked(link: DroneLink, stale_ms: int, now_ms: int) -> Ranked | None:
-    """A drone's entry; None while it is not reachable or its figures are unknown or old."""
-    if not link.announced:
-        return None
-    battery, fastest = link.states.get(Battery.name), link.states.get(MaxGroundspeed.name)
-    ages = [link.age_ms(name, now_ms) for name in USED]
-    if battery is None or fastest is None or any(age is None or age > stale_ms for age in ages):
-        return None
-    remaining, speed = battery.state.state, fastest.state.state
+def _ranked(link: DroneLink, now_ms: int) -> Ranked:
+    """A drone's entry, whose figures are known."""
+    remaining, speed = link.states[Battery.name].state.state, link.states[MaxGroundspeed.name].state.state
     assert isinstance(remaining, Battery)
     assert isinstance(speed, MaxGroundspeed)
     return Ranked(
         drone=link.number,
         remaining_pct=remaining.remaining_pct,
         max_groundspeed_m_s=speed.max_groundspeed_m_s,
-        age_s=max(age for age in ages if age is not None) / 1000,
+        age_s=max(link.age_ms(name, now_ms) or 0 for name in USED) / 1000,
     )
 
 
@@ -72,10 +76,10 @@ class QodsTurns:
             return None
         self.touched = False
         self._look_after_ms = now_ms + LOOK_MS
-        ranking = rank(links, stale_ms, now_ms)
-        shape = tuple((ranked.drone, decile(ranked.remaining_pct)) for ranked in ranking)
+        places = _places(links, stale_ms, now_ms)
+        shape = tuple((number, -place) for place, _, number, _ in places)
         if shape == self._published and not beats:
             return None
         self._published = shape
         self._at_ms = now_ms
-        return ranking
+        return tuple(_ranked(link, now_ms) for *_, link in places)

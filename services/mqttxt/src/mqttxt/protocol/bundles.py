@@ -75,9 +75,10 @@ def _is_plainly_right(plain: Plain) -> bool:
     items = plain[1]
     if type(items) is not list or len(items) > _MOST_STATES:
         return False
-    return all(
-        type(item) is list and item and type(item[0]) is int and is_whole(_ITEMS.get(item[0]), item) for item in items
-    )
+    for item in items:
+        if type(item) is not list or not item or type(item[0]) is not int or not is_whole(_ITEMS.get(item[0]), item):
+            return False
+    return True
 
 
 def fog_bundles(relayed: Iterable[tuple[int, StampedState]]) -> list[FogBundle]:
