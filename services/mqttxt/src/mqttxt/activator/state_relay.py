@@ -58,11 +58,10 @@ class StateRelay:
         clock = link.clock if link is not None else None
         payload = self._to_fog.opened_state(message, f"drone{topic.drone}", clock, now_ms)
         states = plain_states(payload) if topic.kind == "states" else [plain_state(topic.name, payload)]
-        out: list[Effect] = []
-        for state in states:
-            if link is not None and self._is_news(link, state, now_ms) and self._leases:
-                out += self._relay(link, state.name, now_ms)
-        return out
+        if link is None:
+            return []
+        news = [state.name for state in states if self._is_news(link, state, now_ms)]
+        return [effect for name in news for effect in self._relay(link, name, now_ms)] if self._leases else []
 
     def relay_all(self, links: Iterable[DroneLink], now_ms: int) -> list[Effect]:
         """The last known states of reachable drones, for those who did not hear them."""

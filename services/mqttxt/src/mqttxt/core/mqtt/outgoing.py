@@ -88,10 +88,12 @@ class Outgoing:
             self._events.count("held_up", f"{self._name}: {effect.topic}: {self._address} acknowledges nothing")
             return TOO_MUCH
         if effect.qos == 0:
-            if self.sock is not None:
-                if self._client.want_write():  # what paho has yet to write comes first
-                    self._client.loop_write()
-                self.send(publish(effect, *self._aliases.shorten(effect.topic)))
+            if self._client.want_write():  # what paho has yet to write comes first
+                self._client.loop_write()
+            sock = self.sock
+            if sock is not None:
+                sock.send(publish(effect, *self._aliases.shorten(effect.topic)))
+                self.flush_soon()
             return 0
         info = self._client.publish(
             effect.topic, effect.payload, effect.qos, effect.retain, expiry_properties(effect.expiry_s)

@@ -86,8 +86,11 @@ def publish(message: Publish, topic: str, alias: int | None) -> bytes:
     properties = b"" if message.expiry_s is None else bytes((_EXPIRY, *message.expiry_s.to_bytes(4, "big")))
     if alias is not None:
         properties += bytes((_ALIAS, alias >> 8, alias & 0xFF))
-    body = b"".join((len(name).to_bytes(2, "big"), name, bytes((len(properties),)), properties, message.payload))
-    return bytes((PUBLISH | message.retain, *_length(len(body)))) + body
+    length = 3 + len(name) + len(properties) + len(message.payload)
+    first = PUBLISH | message.retain
+    head = bytes((first, length)) if length < 0x80 else bytes((first, *_length(length)))
+    size = len(name).to_bytes(2, "big")
+    return b"".join((head, size, name, bytes((len(properties),)), properties, message.payload))
 
 
 def _length(length: int) -> bytes:
