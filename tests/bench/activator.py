@@ -78,6 +78,7 @@ async def _measure() -> list[str]:
         f"activator: 1,000 drones (four fogs of {DRONES_A_FOG}) with 5 states a second take "
         f"{100 * thousand.share:.0f} % of a core together ({thousand.lost} lost), "
         f"{100 * bundled.share:.0f} % in bundles ({bundled.lost} states superseded by newer ones in them)",
+        f"activator: at that load {thousand.per_cpu_s:,.0f} states per CPU second, {bundled.per_cpu_s:,.0f} in bundles",
         f"activator: resident memory with 10, 100 and 1,000 drones {few.rss_mb:.0f}, {some.rss_mb:.0f} and "
         f"{thousand.rss_mb:.0f} MB (the last: four processes together)",
     ]
