@@ -29,6 +29,8 @@ from tests.rigs.processes import Process, eventually
 
 SETTLING_S = 5.0
 """Before what counts: all drones have become reachable at once."""
+ENDING_S = 180.0
+"""How long a process may take to end, behind the last words: a full machine says a thousand goodbyes slowly."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float) -> Load:
             for process in processes:
                 os.kill(process.pid, signal.SIGTERM)
             for process in processes:
-                code = await asyncio.to_thread(process.wait, LAST_WORDS_S + 30)
+                code = await asyncio.to_thread(process.wait, LAST_WORDS_S + ENDING_S)
                 assert code == 0, process.log.read_text()[-2000:]
     return judged(folder, plan, wall_s, start_s, shares, memory)
 

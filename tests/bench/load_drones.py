@@ -211,10 +211,9 @@ async def fly(broker: str, plan: list[tuple[str, int, int]], report: Path) -> No
     if turning.done():
         turning.result()
     failed = [repr(task.exception()) for task in running if task.done()]
-    for task in running:
+    for task in (turning, *running):
         task.cancel()
     await asyncio.gather(*running, return_exceptions=True)
-    turning.cancel()
     commanded = {name: runner.autopilot.commanded for name, runner in zip(names, runners, strict=True)}
     report.write_text(json.dumps({"commanded": commanded, "failed": failed}))
 
