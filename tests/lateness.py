@@ -178,6 +178,12 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     return True
 
 
+def passes_alone(item: pytest.Item, failed: str | None) -> None:
+    """Called by a test that passes with what its fixture did again by itself: `failed` is what failed beside others."""
+    if failed is not None:
+        item.stash[_BESIDE] = failed
+
+
 def _set_up_of(item: pytest.Item) -> list[Span]:
     """When the fixtures of a test were set up, those of its file and of the whole run too."""
     assert isinstance(item, pytest.Function)

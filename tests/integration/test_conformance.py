@@ -8,7 +8,8 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,14 +22,16 @@ from mqttxt_conformance.gs import GsTarget, check_gs
 from mqttxt_conformance.registry import Finding, Verdict
 from mqttxt_conformance.sealed import Folder
 from mqttxt_conformance.uav import UavTarget, check_uav
+from tests import lateness
 from tests.rigs import prefork
+from tests.rigs.kit_checks import Checked, Expected, check, said
 from tests.rigs.processes import Broker, free_port
 from tests.rigs.secure import SecureBroker
 
 pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
-    pytest.mark.timeout(600),
+    pytest.mark.timeout(1200),
     pytest.mark.soak("services/mqttxt/src", "tests/rigs/broken_roles.py"),
 ]
 
@@ -116,15 +119,25 @@ VARIANTS = {
     **ACTIVATOR_VARIANTS,
     **GS_VARIANTS,
 }
+OWN = ["uav", TWO_LINKS, TWO_BROKERS, "activator", "gs", *SECURED, *SECURED_GS, SIGNED_ACTIVATOR]
+UNHEARD = {"subscribes-before-it-registers"}
+"""Not tested where an access list has no topic that nobody hears."""
+NOT_TESTED = {"uav-signed": {"denies-without-a-deadline"}, "gs-signed": UNHEARD, "gs-in-tls": UNHEARD}
+"""What the kit cannot test of the project's own roles."""
+EXPECTED = {
+    **{name: Expected(set(), NOT_TESTED.get(name, set())) for name in OWN},
+    **{name: Expected(broken) for name, broken in VARIANTS.items()},
+}
 AT_ONCE = 16
 """Checks that run side by side, each against implementations of its own."""
 
 
 class Checks:
-    """All checks of this module, run together: most of their time they wait."""
+    """Checks of this module, run together: most of their time they wait."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, names: Collection[str], at_once: int) -> None:
         self.folder = folder
+        self.names = names
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
         self.second = Broker(folder, "second")
@@ -139,22 +152,28 @@ class Checks:
         names = [SIGNED_ACTIVATOR, *SIGNED_ACTIVATOR_VARIANTS]
         self.activators = {name: own_fleet(folder / name, "broker-fog1") for name in names}
         self.found: dict[str, list[Finding]] = {}
-        self._gate = asyncio.Semaphore(AT_ONCE)
+        self._gate = asyncio.Semaphore(at_once)
 
     async def run(self) -> None:
-        jobs = [self._uav(name, number) for number, name in enumerate(["uav", *UAV_VARIANTS], start=1)]
-        jobs += [
-            self._uav(name, number, two=True) for number, name in enumerate([TWO_LINKS, *TWO_LINKS_VARIANTS], start=51)
-        ]
-        names = ["activator", *ACTIVATOR_VARIANTS]
-        jobs += [self._activator(name, number) for number, name in enumerate(names, start=1)]
-        names = [TWO_BROKERS, *TWO_BROKERS_VARIANTS]
-        jobs += [self._activator(name, number, two=True) for number, name in enumerate(names, start=51)]
-        jobs += [self._gs(name, number) for number, name in enumerate(["gs", *GS_VARIANTS], start=101)]
-        jobs += [self._secured_uav(name, signed=SECURED.get(name, True)) for name in self.drones]
-        jobs += [self._secured_gs(name, signed=SECURED_GS.get(name, True)) for name in self.stations]
-        jobs += [self._signed_activator(name) for name in self.activators]
-        await asyncio.gather(*jobs)
+        jobs: dict[str, Callable[[], Awaitable[None]]] = {}
+        for number, name in enumerate(["uav", *UAV_VARIANTS], start=1):
+            jobs[name] = partial(self._uav, name, number)
+        for number, name in enumerate([TWO_LINKS, *TWO_LINKS_VARIANTS], start=51):
+            jobs[name] = partial(self._uav, name, number, two=True)
+        for number, name in enumerate(["activator", *ACTIVATOR_VARIANTS], start=1):
+            jobs[name] = partial(self._activator, name, number)
+        for number, name in enumerate([TWO_BROKERS, *TWO_BROKERS_VARIANTS], start=51):
+            jobs[name] = partial(self._activator, name, number, two=True)
+        for number, name in enumerate(["gs", *GS_VARIANTS], start=101):
+            jobs[name] = partial(self._gs, name, number)
+        for name in self.drones:
+            jobs[name] = partial(self._secured_uav, name, signed=SECURED.get(name, True))
+        for name in self.stations:
+            jobs[name] = partial(self._secured_gs, name, signed=SECURED_GS.get(name, True))
+        for name in self.activators:
+            jobs[name] = partial(self._signed_activator, name)
+        assert set(jobs) == set(EXPECTED)
+        await asyncio.gather(*(jobs[name]() for name in jobs if name in self.names))
 
     async def _uav(self, variant: str, drone: int, two: bool = False) -> None:
         port, second = free_port(socket.SOCK_DGRAM), BrokerAddress.parse(self.second.url) if two else None
@@ -275,9 +294,10 @@ def own_fleet(folder: Path, *more: str) -> tuple[Path, list[SecureBroker]]:
     return authority.folder, [SecureBroker(authority, name) for name in brokers]
 
 
-@pytest.fixture(scope="module")
-def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
-    made = Checks(tmp_path_factory.mktemp("conformance"))
+def _found(folder: Path, names: Collection[str], at_once: int) -> dict[str, list[Finding]]:
+    """What the kit finds of implementations, with brokers of their own."""
+    folder.mkdir()
+    made = Checks(folder, names, at_once)
     try:
         made.cloud.start()
         made.fog.start()
@@ -285,7 +305,7 @@ def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
         for secured in made.brokers():
             secured.start()
         asyncio.run(made.run())
-        yield made
+        return made.found
     finally:
         for secured in made.brokers():
             secured.kill()
@@ -294,33 +314,33 @@ def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
         made.cloud.kill()
 
 
-def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
-    return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
+@pytest.fixture(scope="module")
+def checks(tmp_path_factory: pytest.TempPathFactory) -> Checked:
+    return check(_found, tmp_path_factory.mktemp("conformance"), EXPECTED, AT_ONCE)
 
 
-@pytest.mark.parametrize(
-    "role", ["uav", TWO_LINKS, TWO_BROKERS, "activator", "gs", *SECURED, *SECURED_GS, SIGNED_ACTIVATOR]
-)
-def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> None:
+@pytest.mark.parametrize("role", OWN)
+def test_the_projects_own_role_keeps_every_rule(checks: Checked, role: str, request: pytest.FixtureRequest) -> None:
     found = checks.found[role]
-    assert _said(found, Verdict.FAIL) == {}
-    left = set(_said(found, Verdict.NOT_TESTED))
-    unheard = {"subscribes-before-it-registers"}  # an access list has no topic that nobody hears
-    expected = {"uav-signed": {"denies-without-a-deadline"}, "gs-signed": unheard, "gs-in-tls": unheard}
-    assert left == expected.get(role, set())
+    assert said(found, Verdict.FAIL) == {}
+    assert set(said(found, Verdict.NOT_TESTED)) == EXPECTED[role].not_tested
     signed = any(finding.rule.check.__module__.endswith("_signed") for finding in found)
     assert signed is role.endswith("-signed")
     assert found
+    lateness.passes_alone(request.node, checks.beside_others.get(role))
 
 
-@pytest.mark.parametrize(("variant", "broken"), [*VARIANTS.items()])
-def test_a_broken_role_fails_exactly_the_rules_that_it_breaks(checks: Checks, variant: str, broken: set[str]) -> None:
-    failed = _said(checks.found[variant], Verdict.FAIL)
-    assert set(failed) == broken, failed
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_broken_role_fails_exactly_the_rules_that_it_breaks(
+    checks: Checked, variant: str, request: pytest.FixtureRequest
+) -> None:
+    failed = said(checks.found[variant], Verdict.FAIL)
+    assert set(failed) == VARIANTS[variant], failed
+    lateness.passes_alone(request.node, checks.beside_others.get(variant))
 
 
-def test_what_needs_an_implementation_that_the_kit_starts_says_so(checks: Checks) -> None:
-    left = _said(checks.found["uav-takes-retained"], Verdict.NOT_TESTED)
+def test_what_needs_an_implementation_that_the_kit_starts_says_so(checks: Checked) -> None:
+    left = said(checks.found["uav-takes-retained"], Verdict.NOT_TESTED)
     assert "a-clean-stop-says-down" in left
     assert "needs --run" in left["a-clean-stop-says-down"]
 
@@ -330,19 +350,19 @@ def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "line"),
     [
         (["activator", "--fog-broker", "mqtt://127.0.0.1:1"], "--fog-broker mqtt://127.0.0.1:1: no broker answers"),
         (["gs", "--run", "/nowhere/station"], "--run '/nowhere/station': No such file"),
     ],
 )
 def test_what_a_person_gets_wrong_beside_a_broker_is_one_line_and_exit_code_2(
-    broker: Broker, arguments: list[str], said: str
+    broker: Broker, arguments: list[str], line: str
 ) -> None:
     done = _run(*arguments, "--broker", broker.url)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
-    assert said in done.stderr.strip().splitlines()[-1]
+    assert line in done.stderr.strip().splitlines()[-1]
 
 
 def test_an_implementation_that_never_appears_fails_its_birth_and_the_exit_code_says_so(broker: Broker) -> None:

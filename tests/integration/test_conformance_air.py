@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection
 from pathlib import Path
 
 import pytest
@@ -16,7 +16,9 @@ from mqttxt_conformance.activator_kit import ActivatorTarget
 from mqttxt_conformance.registry import RULES, Finding, Verdict
 from mqttxt_conformance.uav_air import check_uav_air
 from mqttxt_conformance.uav_kit import UavTarget
+from tests import lateness
 from tests.rigs import prefork
+from tests.rigs.kit_checks import Checked, Expected, check, said
 from tests.rigs.processes import Broker, free_port
 
 pytestmark = [
@@ -51,23 +53,28 @@ ACTIVATOR_VARIANTS = {
     "air-activator-tells-one-by-one": "its-packets-are-as-specified",
 }
 OWN = {"none", "none-activator"}
+EXPECTED = {
+    **{name: Expected(set(), set()) for name in OWN},
+    **{name: Expected({broken}) for name, broken in {**UAV_VARIANTS, **ACTIVATOR_VARIANTS}.items()},
+}
 AT_ONCE = 4
 """Checks that run side by side, each against an implementation of its own."""
 
 
 class Checks:
-    """All checks of this module, run together: most of their time they wait."""
+    """Checks of this module, run together: most of their time they wait."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, names: Collection[str], at_once: int) -> None:
         self.folder = folder
+        self.names = names
         self.cloud, self.fog = Broker(folder, "cloud"), Broker(folder, "fog")
         self.found: dict[str, list[Finding]] = {}
-        self._gate = asyncio.Semaphore(AT_ONCE)
+        self._gate = asyncio.Semaphore(at_once)
 
     async def run(self) -> None:
-        jobs = [self._uav(name) for name in ["none", *UAV_VARIANTS]]
+        jobs = [self._uav(name) for name in ["none", *UAV_VARIANTS] if name in self.names]
         names = ["none-activator", *ACTIVATOR_VARIANTS]
-        jobs += [self._activator(name, fog) for fog, name in enumerate(names, start=1)]
+        jobs += [self._activator(name, fog) for fog, name in enumerate(names, start=1) if name in self.names]
         await asyncio.gather(*jobs)
 
     async def _uav(self, variant: str) -> None:
@@ -99,40 +106,48 @@ def _line(variant: str, *options: str) -> str:
     return " ".join([sys.executable, *started, *options])
 
 
-@pytest.fixture(scope="module")
-def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
-    made = Checks(tmp_path_factory.mktemp("conformance"))
+def _found(folder: Path, names: Collection[str], at_once: int) -> dict[str, list[Finding]]:
+    """What the kit finds of implementations, with brokers of their own."""
+    folder.mkdir()
+    made = Checks(folder, names, at_once)
     try:
         made.cloud.start()
         made.fog.start()
         asyncio.run(made.run())
-        yield made
+        return made.found
     finally:
         made.fog.kill()
         made.cloud.kill()
 
 
-def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
-    return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
+@pytest.fixture(scope="module")
+def checks(tmp_path_factory: pytest.TempPathFactory) -> Checked:
+    return check(_found, tmp_path_factory.mktemp("conformance"), EXPECTED, AT_ONCE)
 
 
 @pytest.mark.parametrize(
     ("variant", "role"), [("none", "uav over datagrams"), ("none-activator", "activator over datagrams")]
 )
-def test_the_projects_own_role_keeps_every_rule(checks: Checks, variant: str, role: str) -> None:
+def test_the_projects_own_role_keeps_every_rule(
+    checks: Checked, variant: str, role: str, request: pytest.FixtureRequest
+) -> None:
     found = checks.found[variant]
-    assert _said(found, Verdict.FAIL) == _said(found, Verdict.NOT_TESTED) == {}
+    assert said(found, Verdict.FAIL) == said(found, Verdict.NOT_TESTED) == {}
     assert [finding.rule for finding in found] == RULES[role]
+    lateness.passes_alone(request.node, checks.beside_others.get(variant))
 
 
 @pytest.mark.parametrize(("variant", "broken"), [*UAV_VARIANTS.items(), *ACTIVATOR_VARIANTS.items()])
-def test_a_broken_role_fails_exactly_the_rule_that_it_breaks(checks: Checks, variant: str, broken: str) -> None:
-    failed = _said(checks.found[variant], Verdict.FAIL)
+def test_a_broken_role_fails_exactly_the_rule_that_it_breaks(
+    checks: Checked, variant: str, broken: str, request: pytest.FixtureRequest
+) -> None:
+    failed = said(checks.found[variant], Verdict.FAIL)
     assert set(failed) == {broken}, failed
+    lateness.passes_alone(request.node, checks.beside_others.get(variant))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "line"),
     [
         (["uav", "--broker", "mqtt-sn://127.0.0.1", "--signed"], "--signed nor --second-broker beside it"),
         (["uav", "--broker", "mqtt-sn://127.0.0.1", "--run", "/nowhere/uav"], "--run '/nowhere/uav': No such file"),
@@ -142,8 +157,8 @@ def test_a_broken_role_fails_exactly_the_rule_that_it_breaks(checks: Checks, var
         ),
     ],
 )
-def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(arguments: list[str], said: str) -> None:
+def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(arguments: list[str], line: str) -> None:
     done = prefork.run("mqttxt", "conformance", *arguments)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
-    assert said in done.stderr.strip().splitlines()[-1]
+    assert line in done.stderr.strip().splitlines()[-1]

@@ -136,6 +136,18 @@ def test_what_fails_beside_others_fails_by_itself_too_or_is_named(
     assert len(named) == (said == "2 passed")
 
 
+SAYS = """
+from tests import lateness
+
+def test_it(request):
+    lateness.passes_alone(request.node, "a rule")
+"""
+
+
+def test_what_a_fixture_did_again_by_itself_is_said_too(tmp_path: Path) -> None:
+    assert "PASSED ALONE test_it.py::test_it, beside others a rule" in _run(SAYS, "False", tmp_path)
+
+
 def _run(source: str, late: str, folder: Path, *options: str) -> list[str]:
     """The lines of a run of tests whose fixture finds the machine late or not."""
     (folder / "tests").mkdir()
