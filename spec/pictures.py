@@ -30,7 +30,7 @@ from testbed.present.report import sentences
 from testbed.present.report import terminal as report_terminal
 from testbed.present.summary.page import PAGE
 
-from . import load_picture
+from . import flights, load_picture
 from .svg import Drawing
 
 _MISSION = {"mqttxt": "mission (mqttxt)", "mavlink": "mission (MAVSDK)"}
@@ -205,6 +205,7 @@ PICTURES: dict[str, Callable[[], str]] = {
     "data-flow": lambda: data_flow().svg(),
     "command": lambda: command().svg(),
     "load": lambda: load_picture.draw().svg(),
+    "flights": lambda: flights.draw(flights.read_flights()).svg(),
     "terminal": terminal,
 }
 

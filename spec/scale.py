@@ -24,6 +24,7 @@ import yaml
 from mqttxt.protocol.names import MAX_DRONE
 from testbed.plan.documents import ROOT
 
+from .flights import flights_table, read_flights
 from .tables import filled, table
 
 RUNS = ROOT / "docs" / "scale" / "load.json"
@@ -215,6 +216,7 @@ def main(*files: str) -> None:
         prices = read_prices(path.with_suffix("") / "prices.yaml")
         cost = costs(runs)
         sections: dict[str, Callable[[], str]] = {
+            "flights": partial(flights_table, read_flights(path.with_suffix("") / "flights.json")),
             "load-runs": partial(runs_table, runs),
             "load-costs": partial(costs_table, cost),
             "load-needs": partial(needs_table, [needs(drones, cost, apiece) for drones in FLEETS], prices),

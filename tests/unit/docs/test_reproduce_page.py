@@ -1,4 +1,4 @@
-"""The page about reproducing: its tables are `testbed/plan/headline.yaml` beside what `make reproduce` found."""
+"""The page about reproducing: its tables are what `make reproduce` found, by the margins that it was judged by."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAGE, FOUND = DOCS / "reproduce.md", DOCS / "findings" / "reproduction.json"
 def _row(line: Line, found: dict[str, Any]) -> str:
     judged = Judged(line, JUDGED[line.quantity], {}, (), None)
     assert (found["quantity"], found["of"]) == (line.quantity, line.of)
-    published, low, high = (figure_of(judged, value) for value in (line.expected, *line.margin))
+    published, low, high = (figure_of(judged, value) for value in (found["expected"], *found["margin"]))
     between = "–"
     if found["interval"] is not None:
         between = " to ".join(figure_of(judged, value) for value in found["interval"])
