@@ -130,7 +130,7 @@ def draw(flights: Sequence[Flight]) -> Drawing:
             drawing.text(left + _LEFT + (_RIGHT - _LEFT) * drones / most, _BOTTOM + 18, str(drones), "small", "middle")
         for share in (0, 0.5, 1):
             at = _BOTTOM - (_BOTTOM - _TOP) * share
-            drawing.text(left + _LEFT - 6, at + 4, f"{share * highest:.3g}", "small", "end")
+            drawing.text(left + _LEFT - 6, at + 4, f"{share * highest:,.0f}", "small", "end")
         for one in flights:
             x = left + _LEFT + (_RIGHT - _LEFT) * one.drones / most
             y = _BOTTOM - (_BOTTOM - _TOP) * value(one) / highest
