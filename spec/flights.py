@@ -16,12 +16,12 @@ from typing import Any
 
 from testbed.errors import ResultsError
 from testbed.plan.documents import ROOT
+from testbed.plan.wording import PROTOCOL_NAMES
 
 from .svg import Drawing
 from .tables import table
 
 FLIGHTS = ROOT / "docs" / "scale" / "flights.json"
-NAMES = {"mqttxt": "MQTT-XT", "mavlink": "MAVLink"}
 CLOUD, FOG = ("broker", "router-cloud"), ("activator", "router-fog")
 """The beginnings of names of the containers that pass on, in the cloud and at a fog, over either protocol."""
 _EDGE = 2
@@ -32,21 +32,25 @@ _EDGE = 2
 class Flight:
     """One attempt: rates in bytes per second, processor time in seconds, delays of commands on links in ms.
 
-    `of_fog` is L(x), the mean of all fogs: what passes on the air links below fog x; `total` is TotalLoad, the sum of
-    all fogs (equations 1 and 2 of the thesis); `wan` is what passes between station and cloud.
+    `total` is TotalLoad, what passes on the air links below all fogs (equation 2 of the thesis); `wan` is what passes
+    between station and cloud.
     """
 
     protocol: str
     fogs: int
     drones: int
     status: str
-    of_fog: float
     total: float
     wan: float
     cloud_s: float
     fog_s: float
     delay_ms: float
     slowest_ms: float
+
+    @property
+    def of_fog(self) -> float:
+        """L(x), the mean of all fogs x (equation 1 of the thesis)."""
+        return self.total / self.fogs
 
 
 def read_flights(path: Path = FLIGHTS) -> list[Flight]:
@@ -60,14 +64,12 @@ def flight(protocol: str, entry: Mapping[str, Any]) -> Flight:
     delays = list(chain.from_iterable(entry["delay_ms"].values()))
     if len(entry["load"]["total"]) <= 2 * _EDGE or not delays:
         raise ResultsError(f"{protocol}, attempt {entry['attempt']}: expected a mission with commands")
-    total = fmean(entry["load"]["total"][_EDGE:-_EDGE])
     return Flight(
         protocol,
         len(fogs),
         sum(map(len, fogs.values())),
         entry["status"],
-        round(total / len(fogs), 1),
-        round(total, 1),
+        round(fmean(entry["load"]["total"][_EDGE:-_EDGE]), 1),
         round(fmean(entry["traffic"]["wan"][_EDGE:-_EDGE]), 1),
         round(_processor_s(entry, CLOUD), 2),
         round(_processor_s(entry, FOG), 2),
@@ -93,20 +95,15 @@ def flights_table(flights: Sequence[Flight]) -> str:
         lambda one: f"{one.delay_ms:.1f}",
         lambda one: f"{one.slowest_ms:.0f}",
     )
-    fleets = {
-        (one.drones, one.fogs): {each.protocol: each for each in flights if _fleet(each) == _fleet(one)}
-        for one in flights
-    }
+    fleets: dict[tuple[int, int], dict[str, Flight]] = {}
+    for one in flights:
+        fleets.setdefault((one.drones, one.fogs), {})[one.protocol] = one
     rows = [
-        (f"{drones} at {fogs}", *(" / ".join(show(of[p]) for p in NAMES if p in of) for show in shown))
+        (f"{drones} at {fogs}", *(" / ".join(show(of[p]) for p in PROTOCOL_NAMES if p in of) for show in shown))
         for (drones, fogs), of in sorted(fleets.items())
     ]
     head = ("drones at fogs", "mission", "load of a fog, L(x)", "all fogs, TotalLoad", "station to cloud")
     return table((*head, "CPU s, fogs", "CPU s, cloud", "command, ms: median", "slowest"), rows)
-
-
-def _fleet(one: Flight) -> tuple[int, int]:
-    return one.drones, one.fogs
 
 
 _LEFT, _RIGHT, _TOP, _BOTTOM, _APART, _DOT = 60, 320, 50, 300, 350, 4
@@ -136,7 +133,7 @@ def draw(flights: Sequence[Flight]) -> Drawing:
             y = _BOTTOM - (_BOTTOM - _TOP) * value(one) / highest
             drawing.text(x, y + _DOT, "●", f"{one.protocol} small", "middle")
     drawing.text(_LEFT, _BOTTOM + 36, "drones", "small")
-    for place, (protocol, name) in enumerate(NAMES.items()):
+    for place, (protocol, name) in enumerate(PROTOCOL_NAMES.items()):
         drawing.text(_LEFT + 70 + 90 * place, _BOTTOM + 36, f"● {name}", protocol)
     return drawing
 

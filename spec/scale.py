@@ -163,7 +163,7 @@ def read_prices(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def prices_list(prices: dict[str, dict[str, Any]]) -> str:
-    return "\n".join(f"- {each['unit']}: ${each['dollars']} ({each['source']});" for each in prices.values())
+    return "\n".join(f"- {each['unit']}: ${each['dollars']} ({each['source']})." for each in prices.values())
 
 
 def needs_table(found: Sequence[Needs], prices: dict[str, dict[str, Any]]) -> str:

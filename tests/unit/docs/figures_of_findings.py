@@ -11,7 +11,7 @@ from typing import Any
 
 from testbed.numbers import words
 from testbed.numbers.observed import Loss, observe_attempt
-from testbed.numbers.quantities import COMMANDS_LOST, STATES_LOST
+from testbed.numbers.quantities import COMMAND_BYTES, COMMANDS_LOST, STATES_LOST
 from testbed.numbers.quantity import Figure, Share
 from testbed.plan import wording
 from testbed.present.report.comparison import completed
@@ -24,6 +24,8 @@ from testbed.present.summary.traffic import Bytes, bytes_of
 PX4 = "thesis"
 """The arm in which PX4 streams its onboard set and drones are asked one by one."""
 FIVE, BUNDLED = "five-states", "five-states-bundled"
+STATES = ("battery", "flight_mode", "groundspeed", "heading", "location")
+"""The five, which every drone publishes at a rate in those arms."""
 STREAMED = (
     *(("scenario-1", arm) for arm in (PX4, "thesis-concurrent", "direct")),
     *((f"scenario-{number}", PX4) for number in (2, 3, 4)),
@@ -99,6 +101,7 @@ def passages(found: Findings) -> Iterator[list[str]]:
     yield _readings(found)
     yield from _message_set(found)
     yield from _targets(found)
+    yield from _less_on_the_wire(found)
 
 
 def _traffic(found: Findings) -> list[str]:
@@ -263,6 +266,29 @@ def _targets(found: Findings) -> Iterator[list[str]]:
     yield [text for arm in (PX4, FIVE, BUNDLED) for text in (found.one(arm, "lte", "delay ratio"), f"`{arm}`")]
     alone, _ = found.both(PX4, "ideal", "mission")
     yield [f"Scenario 1 takes {alone}"]
+
+
+def _less_on_the_wire(found: Findings) -> Iterator[list[str]]:
+    """MQTT-XT's bytes for commands over MAVLink's, by TCP and by MQTT-SN; the longest delay of a state by either."""
+    theirs = _command_bytes(found, "mavlink", BUNDLED, "lte")
+    by_tcp, by_sn = (_command_bytes(found, "mqttxt", arm, "lte") / theirs for arm in (BUNDLED, f"{BUNDLED}+air-sn"))
+    yield [f"{by_tcp:.1f}", f"{by_sn:.2f}"]
+    sides = (_command_bytes(found, side, BUNDLED, "lossy") for side in SIDES)
+    yield ["on `lossy`", f"{next(sides) / next(sides):.1f}"]
+    lost = lost_of(STATES_LOST, found.attempts("mqttxt", f"{FIVE}+air-sn", "lossy"))
+    longest = (_longest_ms(found, arm) for arm in (FIVE, f"{FIVE}+air-sn"))
+    yield [lost.brief, *map(words.milliseconds, longest)]
+
+
+def _command_bytes(found: Findings, side: str, arm: str, profile: str) -> float:
+    attempts = map(observe_attempt, completed(found.cell(arm, profile).metrics["protocols"][side]))
+    return median(COMMAND_BYTES.of(one) or 0.0 for one in attempts)
+
+
+def _longest_ms(found: Findings, arm: str) -> float:
+    """Of the five states, which are published at a rate, over MQTT-XT on `lossy`."""
+    delays = [one["state_delay_ms"] for one in found.attempts("mqttxt", arm, "lossy")]
+    return max(each[name]["captures"]["max"] for each in delays for name in STATES)
 
 
 def _timed(found: Findings) -> list[int]:
