@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(900), pytest.mark.soa
 BEFORE, DURING = 20, 100
 FAULTS: dict[str, tuple[Callable[[Cluster, str], None], Callable[[Cluster, str], None]]] = {
     "killed": (Cluster.kill, Cluster.start_again),
+    "frozen": (Cluster.freeze, Cluster.thaw),
     "cut off from the others": (Cluster.cut_off, Cluster.join_again),
 }
 
@@ -44,28 +45,8 @@ async def system(cluster: Cluster, tmp_path: Path) -> AsyncIterator[ClusteredSys
 async def test_a_node_that_is_lost_makes_no_command_late_or_double_and_none_is_without_its_last_word(
     fault: str, cluster: Cluster, system: ClusteredSystem
 ) -> None:
-    await _lose_each(fault, *FAULTS[fault], cluster, system)
-
-
-@pytest.mark.soak(*TESTED, too_long=True)
-@pytest.mark.xfail(
-    raises=(TimeoutError, pytest.fail.Exception),
-    reason="RabbitMQ 4.0.5: a node that stood still deletes the queue of a client that has moved to another node",
-)
-async def test_a_node_that_stood_still_makes_no_command_late_or_double_and_no_station_deaf(
-    cluster: Cluster, system: ClusteredSystem
-) -> None:
-    await _lose_each("frozen", Cluster.freeze, Cluster.thaw, cluster, system)
-
-
-async def _lose_each(
-    fault: str,
-    begin: Callable[[Cluster, str], None],
-    end: Callable[[Cluster, str], None],
-    cluster: Cluster,
-    system: ClusteredSystem,
-) -> None:
-    """One node after the other, while commands fly."""
+    """Whoever a node that stood still has made deaf connects anew (R9.17)."""
+    begin, end = FAULTS[fault]
     async with cluster.station() as station:
         (fog,) = await station.connect([1], timeout_s=PATIENCE_S)
         salvo = await aloft(system, fog)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.role import Activator
 from mqttxt.core.clock import RemoteClock, SessionClock
-from mqttxt.core.effects import Inbound, Publish, Stop, Subscribe, Unsubscribe
+from mqttxt.core.effects import Inbound, Publish, Reconnect, Stop, Subscribe, Unsubscribe
 from mqttxt.errors import FogUnreachable
 from mqttxt.protocol.commands import Arm, Disarm, Goto, Hold
 from mqttxt.station.outcomes import Outcome
@@ -141,6 +141,8 @@ class Node(Client):
         elif isinstance(output, Unsubscribe):
             if output.link in self.links:
                 self.links[output.link].unsubscribe(output)
+        elif isinstance(output, Reconnect):
+            self.cut(output.link)
         elif isinstance(output, Stop):
             self.kill()
         else:

@@ -10,7 +10,7 @@ from typing import Any
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.bond import Bond, connections
-from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.core.effects import Inbound, Publish, Reconnect, Subscribe
 from mqttxt.core.shared_lists import SharedLists
 from mqttxt.drone.effects import Led
 from mqttxt.drone.paths import Paths
@@ -46,6 +46,11 @@ class Path:
 
     def unsubscribe(self, effect: Any, /) -> None:
         raise AssertionError(effect)
+
+    def give_up(self, reason: str, /) -> None:
+        if (self._name, self._link) in self._world.up:
+            self._world.cut(self._name, self._link)
+            self._world.connect(self._name, self._link)
 
     def ping(self) -> None:
         """Answered, or not, as the world says."""
@@ -135,6 +140,12 @@ class TwoLinks(World):
     def connect(self, name: str, link: str) -> None:
         self.up.add((name, link))
         self.bonds[name].connected(link)
+
+    def _reconnect(self, name: str, effect: Reconnect) -> None:
+        if effect.link == FOG:
+            self.bonds[name].give_up(effect.reason)
+        else:
+            super()._reconnect(name, effect)
 
     def cut(self, name: str, link: str) -> None:
         """What was held up on it is lost; the broker publishes the will."""

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.role import Activator
-from mqttxt.core.effects import Audit, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
+from mqttxt.core.effects import Audit, Inbound, Log, Publish, Reconnect, Stop, Subscribe, Unsubscribe
 from mqttxt.core.settings import Settings
 from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal, Transmit
@@ -145,6 +145,7 @@ class World:
     logs: list[Log] = field(default_factory=list)
     audited: list[tuple[str, Audit]] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
+    reconnects: list[tuple[str, Reconnect]] = field(default_factory=list)
     retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
     logs_folder: LogFiles | None = None
     """Where the UAV client keeps flight logs, if it does."""
@@ -231,6 +232,9 @@ class World:
                 self._subscribe(name, output)
             elif isinstance(output, Unsubscribe):
                 self._unsubscribe(name, output)
+            elif isinstance(output, Reconnect):
+                self.reconnects.append((name, output))
+                self._reconnect(name, output)
             elif isinstance(output, Transmit):
                 self._write(output)
             elif isinstance(output, Journal):
@@ -281,6 +285,18 @@ class World:
                 if link == effect.link and any(self._shows(link, wanted, topic) for wanted in effect.filters):
                     self._deliver(name, self.retained[link, topic], True)
         self.run(name, outputs)
+
+    def lose_subscriptions(self, name: str, link: str) -> None:
+        """What a broker does that keeps a connection and delivers nothing more over it."""
+        self.subscribed = [entry for entry in self.subscribed if entry[:2] != (name, link)]
+
+    def _reconnect(self, name: str, effect: Reconnect) -> None:
+        self.lose_subscriptions(name, effect.link)
+        role = getattr(self, name)
+        will = role.will()
+        self.route(name, Publish(effect.link, will.topic, will.payload, 1, retain=True))
+        self.run(name, role.on_disconnected(effect.link, self.now_ms))
+        self.run(name, role.on_connected(effect.link, self.now_ms))
 
     def _shows(self, link: str, wanted: str, topic: str) -> bool:
         """Whether the broker shows who subscribes to a filter what it retains on a topic."""

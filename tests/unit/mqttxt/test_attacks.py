@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import pytest
 
+from mqttxt.activator import command_relay
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.core.effects import Publish
+from mqttxt.core.ledger import CAPACITY
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import ForgetReadings
 from mqttxt.drone.options import UavOptions
@@ -34,6 +36,12 @@ from tests.simulation.signing import seal
 from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, ack, command_payload, heartbeat, ready
 
 pytestmark = pytest.mark.long
+
+
+@pytest.fixture(autouse=True)
+def _ledger_that_fills_fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command_relay, "FOG_CAPACITY", CAPACITY)
+
 
 LAST = 2**32 - 1
 EVE = 0xE7E
@@ -154,7 +162,7 @@ def a_thousand_registrations(attacker: Attacker) -> None:
 
 def a_filled_ledger(attacker: Attacker) -> None:
     """Cloud: questions in the station's name, as many as the activator remembers of what is never refused."""
-    for seq in range(4000):
+    for seq in range(25_000):
         asked = command_payload(Land(), seq=LAST - seq, executor_session=FOG_SESSION, deadline_ms=0)
         attacker.say(CLOUD, "fog1/drone1/commands", asked)
         if seq % 40 == 0:

@@ -480,6 +480,21 @@ async def test_a_subscription_that_is_refused_this_time_is_asked_for_on_a_new_co
         assert left.body[:1] == WITH_WILL
 
 
+async def test_a_connection_that_is_given_up_ends_with_its_will_and_another_one_begins(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(mqtt_module, "FIRST_PAUSE_S", 0.01)
+    async with Server() as server, linked(server) as (link, heard):
+        link.give_up("it delivers nothing")
+        await eventually(lambda: heard.connections == 2, "connected again")
+        assert heard.losses == 1
+        (left,) = server.sessions[0].of(DISCONNECT)
+        assert left.body[:1] == WITH_WILL
+        assert [
+            record.getMessage().split(": ")[-1] for record in caplog.records if "nothing" in record.getMessage()
+        ] == ["it delivers nothing; trying again"]
+
+
 async def test_a_broker_that_goes_on_refusing_is_asked_at_growing_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
     sleep = asyncio.sleep

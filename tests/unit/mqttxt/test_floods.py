@@ -94,7 +94,7 @@ def forwarded(effects: list[Any], drone: int) -> int:
 
 def test_a_station_in_control_cannot_fill_its_fogs_ledger_for_the_others() -> None:
     bench, seq = two_stations(), 0
-    for _ in range(30):
+    for _ in range(60):
         bench.now_ms += 1000
         for command in (Arm(), Land()):
             for _ in range(300):

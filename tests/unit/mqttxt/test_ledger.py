@@ -30,6 +30,20 @@ def test_an_outcome_is_kept_for_ten_minutes_after_the_deadline() -> None:
     assert ledger.get(ONE) is None
 
 
+def test_an_outcome_that_was_closed_twice_is_kept_for_ten_minutes_after_the_second_time() -> None:
+    ledger: Ledger[None] = Ledger()
+    entry = ledger.enter(ONE, Arm(), None, 0)
+    for closed_ms in (0, 100, 100):
+        ledger.close(entry, closed_ms)
+    assert ledger.examine(TWO, Arm(), 5000, 100 + KEEP_MS) is Admission.NEW
+    assert ledger.get(ONE) is entry
+    ledger.examine(TWO, Arm(), 5000, 101 + KEEP_MS)
+    assert ledger.get(ONE) is None
+    entry = ledger.enter(ONE, Arm(), None, 0)
+    ledger.examine(TWO, Arm(), 5000, 300 + KEEP_MS)
+    assert ledger.get(ONE) is entry, "it is open"
+
+
 def test_an_open_entry_is_never_forgotten() -> None:
     ledger: Ledger[None] = Ledger()
     ledger.enter(ONE, Arm(), None, 5000)

@@ -9,6 +9,7 @@ import pytest
 
 from mqttxt.activator.role import Activator
 from mqttxt.core.effects import Inbound, Publish, Stop
+from mqttxt.core.hearing import ANSWER_MS, SILENT_MS
 from mqttxt.core.session_owners import MOST_OF_ONE
 from mqttxt.core.settings import Settings
 from mqttxt.drone.grants import MOST_GRANTS, Grants
@@ -232,6 +233,16 @@ def test_a_client_that_was_refused_in_flight_is_there_again_once_the_other_is_go
     show_presence(world, up=False)
     world.pass_time(3000)
     assert births(world) == before + 1
+
+
+def test_a_client_that_was_refused_in_flight_says_nothing_into_a_silence(world: World) -> None:
+    world.autopilot(heartbeat(armed=True))
+    world.drop = {"init_connect"}
+    refused(world)
+    before = births(world)
+    world.pass_time(3 * (SILENT_MS + ANSWER_MS))
+    assert births(world) == before
+    assert world.reconnects == []
 
 
 def test_a_client_that_is_bound_again_goes_on_after_its_flight(world: World) -> None:

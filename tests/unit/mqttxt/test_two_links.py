@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.activator.drones import CONTEST_MS
 from mqttxt.core.bond import BETTER
 from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.hearing import ANSWER_MS, SILENT_MS
 from mqttxt.core.mqtt.round_trip import SPARE_S, RoundTrip
 from mqttxt.drone.effects import Transmit
 from mqttxt.protocol.codec import decode, encode
@@ -59,6 +60,22 @@ def written(world: TwoLinks) -> int:
 
 def obey(world: TwoLinks, armed: bool) -> None:
     world.autopilot(ack(ARM_DISARM), heartbeat(armed=armed))
+
+
+@pytest.mark.parametrize("deaf", [LINKS, LINKS[:1]], ids=["both", "one"])
+def test_a_client_connects_anew_where_neither_of_its_connections_delivers(deaf: tuple[str, ...]) -> None:
+    world = started()
+    for link in deaf:
+        world.lose_subscriptions("uav", link)
+    world.pass_time(SILENT_MS + ANSWER_MS + 5_000)
+    assert [name for name, _ in world.reconnects] == (["uav"] if deaf == LINKS else [])
+    assert is_reachable(world)
+    command = world.send(Arm())
+    world.pass_time(300)
+    obey(world, armed=True)
+    world.pass_time(300)
+    assert words(world, command) == [Word.COMPLETED]
+    assert written(world) == 1
 
 
 @pytest.mark.parametrize("signed", [False, True])

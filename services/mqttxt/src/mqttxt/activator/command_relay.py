@@ -15,7 +15,7 @@ from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS, expiry_s
 from ..core.effects import Audit, Effect, Inbound, Log, Publish
 from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
-from ..core.ledger import OVERRIDING, Admission, Entry, Ledger, Share
+from ..core.ledger import FOG_CAPACITY, OVERRIDING, Admission, Entry, Ledger, Share
 from ..core.session_owners import SessionOwners
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
 from ..errors import PayloadError
@@ -77,7 +77,7 @@ class Relay:
         self._fog = fog
         self._drones = drones
         self.signed = SignedCommands(to_cloud.seal, owners) if to_cloud.seal is not None else None
-        self.ledger: Ledger[Job] = Ledger()
+        self.ledger: Ledger[Job] = Ledger(FOG_CAPACITY)
         self.words = RelayWords(session, to_cloud, cloud, drones, leases, self.ledger)
         self.fog_connected = False
         self.has_paths = False

@@ -9,6 +9,7 @@ from typing import Any
 from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Log, Publish, Subscribe, Will
 from ..core.floods import Budget
+from ..core.hearing import Hearing
 from ..core.session_owners import SessionOwners
 from ..core.settings import Settings
 from ..errors import PayloadError
@@ -72,6 +73,7 @@ class Activator:
         self.bulk = BulkRelay(*channels, *topics, self.drones, self.leases, self.owners)
         self._births = Births(*topics, self.drones, self.leases)
         self.ownership = Ownership(session, self._to_cloud, self.cloud, self.drones, self._births, self.owners, broker)
+        self._hearing = Hearing(CLOUD, self.ownership.introduction)
         self._stations = Stations(
             session,
             *channels,
@@ -120,6 +122,7 @@ class Activator:
     def on_disconnected(self, link: str, now_ms: int) -> list[Effect]:
         self.connected[link] = False
         if link == CLOUD:
+            self._hearing.end()
             self.ownership.on_cloud_down()
             self.sensors.on_cloud_down()
             return []
@@ -144,11 +147,14 @@ class Activator:
         if link == FOG:
             self.relay.fog_connected = True
             return []
+        self._hearing.heard(now_ms)
         # The broker sends what it retains before this beacon comes back: then it is known who else is there.
         return self.ownership.on_subscribed(now_ms)
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
         """A message from one of the two brokers; what does not follow the specification is counted."""
+        if link == CLOUD:
+            self._hearing.heard(now_ms)
         try:
             topic = self._sides[link].parse(message.topic)
             refusal = self._refusal(link, topic, message, now_ms)
@@ -179,7 +185,7 @@ class Activator:
         out = [*self.say_together(now_ms), *self.drones.controlled_anew(self.leases.tick(now_ms), now_ms)]
         out += self._watched(self.drones.tick(now_ms), now_ms) + self.relay.tick(now_ms)
         out += self.selector.tick(now_ms)
-        out += self._stations.tick(now_ms)
+        out += self._stations.tick(now_ms) + self._hearing.tick(now_ms)
         return out + self.states.tick(now_ms) + self.sensors.tick(now_ms) + self.ownership.tick(now_ms)
 
     @property

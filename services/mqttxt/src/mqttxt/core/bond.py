@@ -40,6 +40,7 @@ class Path(Protocol):
     def publish(self, effect: Publish, /) -> object: ...
     def subscribe(self, effect: Subscribe, /) -> None: ...
     def unsubscribe(self, effect: Unsubscribe, /) -> None: ...
+    def give_up(self, reason: str, /) -> None: ...
     def ping(self) -> None: ...
     def usual_s(self) -> float: ...
 
@@ -219,6 +220,11 @@ class Bond:
         for name, member in self._members.items():
             if member.is_up:
                 member.path.unsubscribe(replace(effect, link=name))
+
+    def give_up(self, reason: str) -> None:
+        """End all connections; others are begun."""
+        for member in self._members.values():
+            member.path.give_up(reason)
 
     def connected(self, link: str) -> None:
         member, is_first = self._members[link], not any(member.is_up for member in self._members.values())

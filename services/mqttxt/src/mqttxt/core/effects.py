@@ -50,6 +50,14 @@ class Unsubscribe:
 
 
 @dataclass(frozen=True)
+class Reconnect:
+    """Give up the connection `link`, with its will, and begin another one: `reason` is for a person."""
+
+    link: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class Log:
     """Something to count under `kind`; the runner logs the first of a kind with its detail."""
 
@@ -84,7 +92,7 @@ Receipt = tuple[int, int]
 """Names an inbound message that waits for its PUBACK; opaque."""
 
 
-Effect = Publish | Subscribe | Unsubscribe | Log | Stop | Audit
+Effect = Publish | Subscribe | Unsubscribe | Reconnect | Log | Stop | Audit
 
 
 @dataclass(slots=True, unsafe_hash=True)

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Hashable
 from dataclasses import dataclass
 from enum import Enum, auto
-from math import inf
+from heapq import heappop, heappush
 from typing import Generic, TypeVar
 
 from ..protocol.commands import Command, Hold, Land, Return
@@ -19,6 +19,8 @@ from ..protocol.messages import CommandId
 
 KEEP_MS = 600_000
 CAPACITY = 8192
+FOG_CAPACITY = 65_536
+"""An activator's, whose stations command all drones of its fog."""
 
 Record = TypeVar("Record")
 
@@ -84,8 +86,8 @@ class Ledger(Generic[Record]):
         self._taken_by: Counter[tuple[Share, Hashable]] = Counter()
         self._barred_until_ms: dict[tuple[Share, Hashable], int] = {}
         self._open: dict[CommandId, Entry[Record]] = {}
-        self._purge_after_ms: float = inf
-        """No closed entry is to go before this; with ten minutes of entries each look at all of them counts."""
+        self._closed: list[tuple[int, CommandId]] = []
+        """A heap of the closed entries, by the time until which each was to be kept when it was closed."""
 
     def get(self, command_id: CommandId) -> Entry[Record] | None:
         return self._entries.get(command_id)
@@ -154,17 +156,17 @@ class Ledger(Generic[Record]):
         entry.is_open = False
         entry.keep_until_ms = max(entry.keep_until_ms, now_ms + self._keep_ms)
         self._open.pop(entry.id, None)
-        self._purge_after_ms = min(self._purge_after_ms, entry.keep_until_ms)
+        heappush(self._closed, (entry.keep_until_ms, entry.id))
 
     def _purge(self, now_ms: int) -> None:
-        if now_ms <= self._purge_after_ms:
-            return
-        closed = [entry for entry in self._entries.values() if not entry.is_open]
-        for entry in closed:
-            if now_ms > entry.keep_until_ms:
-                del self._entries[entry.id]
-                self._taken[entry.share] -= 1
-                self._taken_by[entry.share, entry.station] -= 1
-        self._taken_by += Counter()  # without those that have none left
+        while self._closed and self._closed[0][0] < now_ms:
+            entry = self._entries.get(heappop(self._closed)[1])
+            if entry is None or entry.is_open or entry.keep_until_ms >= now_ms:  # closed a second time, or entered
+                continue
+            del self._entries[entry.id]
+            self._taken[entry.share] -= 1
+            own = entry.share, entry.station
+            self._taken_by[own] -= 1
+            if self._taken_by[own] == 0:
+                del self._taken_by[own]
         self._barred_until_ms = {own: until for own, until in self._barred_until_ms.items() if now_ms < until}
-        self._purge_after_ms = min((e.keep_until_ms for e in closed if now_ms <= e.keep_until_ms), default=inf)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from ..errors import ConfigurationError, Refused
 from .bond import Bond
 from .clock import SessionClock
-from .effects import Audit, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
+from .effects import Audit, Inbound, Log, Publish, Reconnect, Stop, Subscribe, Unsubscribe
 from .mqtt.link import MqttLink
 from .settings import REBIRTH_MS
 from .shared_lists import LISTS, SharedLists
@@ -93,6 +93,7 @@ class Runner:
         self.does: dict[type[Any], Callable[[Any], object]] = {
             Subscribe: lambda effect: self._way(effect.link).subscribe(effect),
             Unsubscribe: lambda effect: self._way(effect.link).unsubscribe(effect),
+            Reconnect: lambda effect: self._way(effect.link).give_up(effect.reason),
             Log: lambda log: self.count(log.kind, log.detail),
             Audit: audit.record if audit is not None else lambda _: None,
             Stop: lambda stop: self._fail(Refused(stop.reason)),

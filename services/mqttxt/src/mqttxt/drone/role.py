@@ -6,6 +6,7 @@ from typing import Any
 
 from ..core.channel import Channel
 from ..core.effects import Inbound, Log, Publish, Subscribe, Will
+from ..core.hearing import Hearing
 from ..core.own_presence import OwnPresence
 from ..core.session_owners import SessionOwners
 from ..core.settings import Settings
@@ -65,6 +66,7 @@ class UavClient:
         self.vehicle = Vehicle(drone)
         self._channel = Channel(LINK, self.topics.root, settings, seal)
         self._presence = OwnPresence(self._channel, self.topics.reachable(drone), session)
+        self._hearing = Hearing(LINK, lambda: [self._presence.say(up=True)])
         self._activator = f"fog{fog}"
         self._signed_clock = CloudSide(fog).signed_drone_clock(drone) if seal is not None else None
         owners, staged = SessionOwners(lambda session: session == self.desk.executor.lease.holder_session), BulkStore()
@@ -135,6 +137,7 @@ class UavClient:
         if link == SENSORS:
             return []
         self.connected = self.desk.may_publish = False
+        self._hearing.end()
         if self.paths is not None:
             self.paths.on_lost(None)
         if self.carrier is not None:
@@ -159,6 +162,7 @@ class UavClient:
         if self._awaited_subacks != 0:
             return []
         self.desk.may_publish = True
+        self._hearing.heard(now_ms)
         self._states.throttle.forget_published()
         self._listener = None
         out: list[Effect] = [self._presence.say(up=True), self._beacon(now_ms)]
@@ -169,6 +173,7 @@ class UavClient:
         """A message from the fog broker, or from the drone's own, where sensors publish."""
         if link == SENSORS and self.carrier is not None:
             return self.carrier.on_message(message, now_ms)
+        self._hearing.heard(now_ms)
         try:
             topic = self.topics.parse(message.topic)
             if topic.drone != self.drone:
@@ -239,6 +244,8 @@ class UavClient:
             out.append(self._beacon(now_ms))
         if self._presence.rebirth.is_due(now_ms):
             out.append(self._presence.say(up=True))
+        if not self._control.is_refused:  # its topic may show another's birth
+            out += self._hearing.tick(now_ms)
         if self.carrier is not None:
             out += self.carrier.tick(now_ms)
         out += self._bulk.tick(now_ms) + self._states.publish(self._states.due(now_ms), now_ms)

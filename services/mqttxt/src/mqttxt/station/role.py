@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.channel import Channel
 from ..core.effects import Inbound, Log, Subscribe, Will
+from ..core.hearing import Hearing
 from ..core.own_presence import OwnPresence
 from ..core.settings import Settings
 from ..errors import ConfigurationError, FogUnreachable, PayloadError
@@ -63,6 +64,7 @@ class StationRole:
         self._lease_s = lease_s
         self._control = Control.WANT if control else Control.NONE
         self._presence = OwnPresence(self._channel, station_reachable(name, prefix), session)
+        self._hearing = Hearing(LINK, lambda: [self._presence.say(up=True)])
         self._heard: dict[tuple[int, int], list[ReadingKey]] = {}
         self._words = DroneWords(self._channel)
         self._lists = ListWatch(f"gs-{name}")
@@ -96,6 +98,7 @@ class StationRole:
 
     def on_disconnected(self, link: str, now_ms: int) -> list[Output]:
         self.connected = False
+        self._hearing.end()
         out: list[Output] = []
         for fog in self.fogs.values():
             fog.subscribed = fog.up = fog.registered = False
@@ -104,6 +107,7 @@ class StationRole:
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Output]:
         if subscribe.ref is None:
+            self._hearing.heard(now_ms)
             return [self._presence.say(up=True)]
         return [*self.fogs[int(str(subscribe.ref))].on_subscribed(now_ms)]
 
@@ -147,6 +151,7 @@ class StationRole:
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
         """A message from the cloud broker; what does not follow the specification is counted."""
+        self._hearing.heard(now_ms)
         try:
             if message.topic == self._presence.topic:
                 return self._on_own_presence(message, now_ms)
@@ -181,6 +186,7 @@ class StationRole:
             out += [*effects, *events]
         if self._presence.rebirth.is_due(now_ms):
             out.append(self._presence.say(up=True))
+        out += self._hearing.tick(now_ms)
         return [*out, *self._acknowledge(), *self.commands.tick(self.fogs, now_ms), *self.transfers.tick(now_ms)]
 
     def _acknowledge(self) -> list[Output]:

@@ -141,6 +141,11 @@ class MqttLink:
             if wrong is not None:
                 self._connection.give_up(wrong)
 
+    def give_up(self, reason: str) -> None:
+        """End the connection, if there is one, with its will; another one is begun."""
+        if self._connection is not None:
+            self._connection.give_up(reason)
+
     async def close(self) -> None:
         """A clean DISCONNECT, after what was handed over has left."""
         self._is_closed = True
