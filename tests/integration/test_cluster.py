@@ -45,18 +45,19 @@ async def system(cluster: Cluster, tmp_path: Path) -> AsyncIterator[ClusteredSys
 async def test_a_node_that_is_lost_makes_no_command_late_or_double_and_none_is_without_its_last_word(
     fault: str, cluster: Cluster, system: ClusteredSystem
 ) -> None:
-    """Whoever a node that stood still has made deaf connects anew (R9.17)."""
+    """Whoever a node that stood still has made deaf connects anew (R9.17), before the next node is lost."""
     begin, end = FAULTS[fault]
     async with cluster.station() as station:
         (fog,) = await station.connect([1], timeout_s=PATIENCE_S)
         salvo = await aloft(system, fog)
         for node in NODES:
+            await _completed(fog)
             await salvo.fire(fog, BEFORE)
             firing = asyncio.create_task(salvo.fire(fog, DURING))
             await _under_way(salvo)
             await asyncio.to_thread(begin, cluster, node)
             lost_s = time.monotonic()
-            completed_s = await _completed(fog, salvo)
+            completed_s = await _completed(fog)
             await firing
             print(f"{node} {fault}: a command sent {completed_s - lost_s:.1f} s later was completed")
             await asyncio.to_thread(end, cluster, node)
@@ -72,7 +73,7 @@ async def _under_way(salvo: Salvo) -> None:
     await eventually(lambda: len(salvo.sent) + salvo.unsent > sent, "commands fly")
 
 
-async def _completed(fog: Any, salvo: Salvo) -> float:
+async def _completed(fog: Any) -> float:
     """When the first command was sent that was completed after this moment."""
     async with asyncio.timeout(PATIENCE_S):
         while True:
