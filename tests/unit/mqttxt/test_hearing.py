@@ -39,7 +39,8 @@ def test_silence_is_asked_once_and_then_the_connection_is_given_up_once() -> Non
     tried.heard(0)
     assert tried.tick(SILENT_MS - 1) == []
     assert tried.tick(SILENT_MS) == [SAID]
-    assert tried.tick(SILENT_MS + ANSWER_MS - 1) == []
+    for now_ms in range(SILENT_MS + 100, SILENT_MS + ANSWER_MS, 100):
+        assert tried.tick(now_ms) == []
     (given_up,) = tried.tick(SILENT_MS + ANSWER_MS)
     assert isinstance(given_up, Reconnect)
     assert given_up.link == CLOUD
@@ -61,6 +62,32 @@ def test_a_process_that_stood_still_asks_before_it_gives_up() -> None:
     tried.heard(0)
     assert tried.tick(100 * SILENT_MS) == [SAID]
     assert tried.tick(100 * SILENT_MS + 1) == []
+
+
+def test_a_process_that_stood_still_after_it_asked_reads_first_what_has_come() -> None:
+    tried = hearing()
+    tried.heard(0)
+    assert tried.tick(SILENT_MS) == [SAID]
+    goes_on_ms = 5 * SILENT_MS
+    assert tried.tick(goes_on_ms) == []
+    for now_ms in range(goes_on_ms + 100, goes_on_ms + ANSWER_MS, 100):
+        assert tried.tick(now_ms) == []
+    (given_up,) = tried.tick(goes_on_ms + ANSWER_MS)
+    assert isinstance(given_up, Reconnect)
+
+
+@pytest.mark.parametrize(("name", "link"), LINKS.items())
+def test_nothing_is_tried_behind_the_goodbye(name: str, link: str) -> None:
+    world = World().start()
+    world.pass_time(1_000)
+    role = getattr(world, name)
+    world.lose_subscriptions(name, link)
+    list(role.goodbye(world.now_ms))
+    ticks = range(world.now_ms, world.now_ms + 2 * (SILENT_MS + ANSWER_MS), 100)
+    said = [effect for now_ms in ticks for effect in role.tick(now_ms)]
+    assert not [effect for effect in said if isinstance(effect, Reconnect)]
+    births = ("gs/g/reachable", "fog1/reachable", "drone1/reachable")
+    assert not [effect for effect in said if isinstance(effect, Publish) and effect.topic in births]
 
 
 @pytest.mark.parametrize("signed", [False, True], ids=["plain", "signed"])

@@ -199,6 +199,7 @@ class Activator:
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop says that neither the fog nor its drones are reachable; what waits leaves first."""
+        self._hearing.end()
         self.relay.words.together.is_ended = True
         return [*self.relay.words.together.flush(now_ms), *self.ownership.goodbye()]
 

@@ -10,6 +10,8 @@ from .effects import Effect, Reconnect
 SILENT_MS = BEACON_INTERVAL_MS + 2_000
 """Each node hears something of its counterpart in an interval of beacons."""
 ANSWER_MS = 5_000
+STALL_MS = 1_000
+"""A process that was not called for so long stood still, and what has come meanwhile waits to be read."""
 
 
 class Hearing:
@@ -23,6 +25,7 @@ class Hearing:
         self._say = say
         self._due_ms: int | None = None
         self._has_asked = False
+        self._called_ms = 0
 
     def heard(self, now_ms: int) -> None:
         """A message has come, or the subscriptions are granted."""
@@ -34,7 +37,11 @@ class Hearing:
 
     def tick(self, now_ms: int) -> list[Effect]:
         """What is to be said into a silence, and, where that is not heard either, that the connection is of no use."""
+        pause_ms, self._called_ms = now_ms - self._called_ms, now_ms
         if self._due_ms is None or now_ms < self._due_ms:
+            return []
+        if self._has_asked and pause_ms > STALL_MS:
+            self._due_ms = now_ms + ANSWER_MS
             return []
         if self._has_asked:
             self.end()

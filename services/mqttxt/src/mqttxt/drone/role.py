@@ -262,6 +262,7 @@ class UavClient:
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
+        self._hearing.end()
         said = self.desk.say_first_words()
         self.desk.may_publish = False
         if self.carrier is not None:

@@ -203,6 +203,7 @@ class StationRole:
 
     def goodbye(self, now_ms: int) -> list[Output]:
         """A clean stop ends the leases and says that the station is gone."""
+        self._hearing.end()
         if not (self.connected and self.fogs):
             return []
         ends: list[Output] = [fog.registration(now_ms, lease_s=0) for fog in self.fogs.values() if fog.registered]
