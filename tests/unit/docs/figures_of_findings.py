@@ -270,14 +270,17 @@ def _targets(found: Findings) -> Iterator[list[str]]:
 
 def _less_on_the_wire(found: Findings) -> Iterator[list[str]]:
     """MQTT-XT's bytes for commands over MAVLink's, by TCP and by MQTT-SN; the longest delay of a state by either."""
-    theirs = _command_bytes(found, "mavlink", BUNDLED, "lte")
-    by_tcp, by_sn = (_command_bytes(found, "mqttxt", arm, "lte") / theirs for arm in (BUNDLED, f"{BUNDLED}+air-sn"))
-    yield [f"{by_tcp:.1f}", f"{by_sn:.2f}"]
-    sides = (_command_bytes(found, side, BUNDLED, "lossy") for side in SIDES)
-    yield ["on `lossy`", f"{next(sides) / next(sides):.1f}"]
+    lte = (_command_ratio(found, arm, "lte") for arm in (BUNDLED, f"{BUNDLED}+air-sn"))
+    yield [f"{next(lte):.1f}", f"{next(lte):.2f}"]
+    yield ["on `lossy`", f"{_command_ratio(found, BUNDLED, 'lossy'):.1f}"]
     lost = lost_of(STATES_LOST, found.attempts("mqttxt", f"{FIVE}+air-sn", "lossy"))
     longest = (_longest_ms(found, arm) for arm in (FIVE, f"{FIVE}+air-sn"))
     yield [lost.brief, *map(words.milliseconds, longest)]
+
+
+def _command_ratio(found: Findings, arm: str, profile: str) -> float:
+    ours, theirs = (_command_bytes(found, side, arm, profile) for side in SIDES)
+    return ours / theirs
 
 
 def _command_bytes(found: Findings, side: str, arm: str, profile: str) -> float:
