@@ -162,7 +162,7 @@ def a_thousand_registrations(attacker: Attacker) -> None:
 
 def a_filled_ledger(attacker: Attacker) -> None:
     """Cloud: questions in the station's name, as many as the activator remembers of what is never refused."""
-    for seq in range(25_000):
+    for seq in range(4000):
         asked = command_payload(Land(), seq=LAST - seq, executor_session=FOG_SESSION, deadline_ms=0)
         attacker.say(CLOUD, "fog1/drone1/commands", asked)
         if seq % 40 == 0:

@@ -7,11 +7,13 @@ from typing import Any
 import cbor2
 import pytest
 
+from mqttxt.activator import command_relay
 from mqttxt.activator.role import PRESENCE_AT_ONCE
 from mqttxt.activator.stations import BIRTHS_AT_ONCE
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.core.floods import MOST_KNOWN, PAUSE_MS, STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
+from mqttxt.core.ledger import CAPACITY
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Acknowledge, Journal, StoreReading
 from mqttxt.drone.role import UavClient
@@ -92,9 +94,10 @@ def forwarded(effects: list[Any], drone: int) -> int:
     return len(of(effects, f"drone{drone}/commands"))
 
 
-def test_a_station_in_control_cannot_fill_its_fogs_ledger_for_the_others() -> None:
+def test_a_station_in_control_cannot_fill_its_fogs_ledger_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command_relay, "FOG_CAPACITY", CAPACITY)
     bench, seq = two_stations(), 0
-    for _ in range(60):
+    for _ in range(30):
         bench.now_ms += 1000
         for command in (Arm(), Land()):
             for _ in range(300):

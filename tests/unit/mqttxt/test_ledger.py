@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mqttxt.core.ledger import CAPACITY, KEEP_MS, Admission, Ledger, Share
+from mqttxt.core.ledger import CAPACITY, FOG_CAPACITY, KEEP_MS, Admission, Ledger, Share
 from mqttxt.protocol.commands import Arm, Disarm, Land
 from mqttxt.protocol.messages import CommandId
 
@@ -74,7 +74,7 @@ def test_an_id_from_a_journal_matches_any_contents() -> None:
 
 def fill_by(ledger: Ledger[None], share: Share, station: int) -> int:
     """Enter ids of one station in a share until there is no room for it; how many."""
-    for seq in range(10_000):
+    for seq in range(FOG_CAPACITY):
         command_id = CommandId(1000 * station + share.value, seq)
         if ledger.examine(command_id, Arm(), 100, 0, share, station) is not Admission.NEW:
             return seq
@@ -108,6 +108,12 @@ def test_one_station_leaves_as_much_of_a_share_as_it_takes(share: Share) -> None
     assert first > 2 * third > 0
     assert abs(first - 2 * second) <= 1
     assert ledger.examine(ONE, Arm(), 5000, 0, share, 4) is Admission.NEW
+
+
+def test_one_station_may_command_a_fog_37_times_per_second_for_good() -> None:
+    taken = fill_by(Ledger(FOG_CAPACITY), Share.ORDINARY, 1)
+    assert taken == 22_528
+    assert taken > 37 * KEEP_MS / 1000
 
 
 def test_one_station_that_fills_all_it_can_leaves_the_others_room_for_everything() -> None:
