@@ -121,13 +121,14 @@ def test_a_word_of_another_session_or_another_drone_is_no_word() -> None:
     assert log.kind == "unknown_session"
 
 
-def test_a_broadcast_begins_with_its_roster_and_has_a_word_for_each_entry() -> None:
+def test_a_broadcast_goes_to_its_drones_then_its_roster_to_the_station_and_then_a_word_for_each_entry() -> None:
     bench = ready(drones=(1, 2))
     effects = bench.command(to="commands")
-    assert isinstance(effects[0], Publish)
-    roster = decode(FogResultMessage, effects[0].payload).roster or ()
+    said = [effect for effect in effects if isinstance(effect, Publish)]
+    topics = ["drone1/commands", "fog1/commands_result/arm", "fog1/drone2/commands_result/arm"]
+    assert [publish.topic for publish in said] == topics
+    roster = decode(FogResultMessage, said[1].payload).roster or ()
     assert [(entry.drone, entry.session) for entry in roster] == [(1, UAV_SESSION), (2, None)]
-    assert len(of(effects, "drone1/commands")) == 1
     assert words(effects, 2) == [(Word.UNREACHABLE, None)]
     assert of(bench.appear(2, 55), "drone2/commands") == []
 

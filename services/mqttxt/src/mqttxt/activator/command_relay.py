@@ -243,15 +243,17 @@ class Relay:
         return None
 
     def _broadcast(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """Send a command to all of its roster."""
+        """Send a command to all of its roster; what is said of it to the station wakes nobody before it has left."""
         job = entry.record
         roster = self._drones.asked() if job.query else self._drones.roster()
-        out = self.words.say_roster(entry, roster, now_ms)
+        said, sent = self.words.say_roster(entry, roster, now_ms), list[Effect]()
         for listed in roster:
-            out += self.forward(entry, listed.drone, now_ms)
+            for effect in self.forward(entry, listed.drone, now_ms):
+                is_sent = isinstance(effect, Publish) and effect.link == self._channel.link
+                (sent if is_sent else said).append(effect)
         if not job.legs:
             self.ledger.close(entry, now_ms)
-        return out
+        return [*sent, *said]
 
     def forward(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
         """Send a command to a drone, for the first time: closed here if it cannot be, else from then on the drone's."""
