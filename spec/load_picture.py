@@ -52,12 +52,12 @@ def _delays(drawing: Drawing, left: float, runs: Sequence[dict[str, Any]]) -> No
     longest = [(run["drones"], 1000 * run["slowest_s"]) for run in runs]
     medians = [(run["drones"], 1000 * run["median_s"]) for run in runs if "median_s" in run]
     place = _axes(drawing, left, "ms from a call to the autopilot", [ms for _, ms in longest + medians])
-    for dots, kind in ((longest, "mqttxt"), (medians, "mavlink")):
+    for dots, kind in ((longest, "mqttxt"), (medians, "")):
         for drones, ms in dots:
             drawing.text(_across(left, drones), place(ms) + _DOT / 2, "●", f"{kind} small", "middle")
     drawing.text(left + _LEFT, 384, "● longest of a run", "mqttxt small")
     if medians:
-        drawing.text(left + _LEFT + 130, 384, "● median of a run", "mavlink small")
+        drawing.text(left + _LEFT + 130, 384, "● median of a run", "small")
 
 
 def _across(left: float, drones: float) -> float:

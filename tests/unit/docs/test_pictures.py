@@ -53,9 +53,9 @@ def test_the_load_has_the_delays_of_every_run_and_the_medians_of_those_that_have
     monkeypatch.setattr(load_picture, "read_runs", lambda: [*runs, *others])
     tree = ElementTree.fromstring(load_picture.draw().svg())
     right = [one for one in tree.iter("{http://www.w3.org/2000/svg}text") if float(one.get("x", "0")) > 650]
-    dots = [one.get("class", "") for one in right if one.text == "●"]
+    dots = [one.get("class", "").strip() for one in right if one.text == "●"]
     assert dots.count("mqttxt small") == 2 + len(others)
-    assert dots.count("mavlink small") == 2 + sum("median_s" in run for run in others)
+    assert dots.count("small") == 2 + sum("median_s" in run for run in others)
 
 
 @pytest.mark.parametrize("file", sorted(path.name for path in FOLDER.iterdir()))
