@@ -9,7 +9,14 @@ import pytest
 
 from tests.e2e.flying import FEW, Run, attempt_over, few_drones
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.timeout(600),
+    pytest.mark.soak(
+        *("compose.yaml", "testbed/fly/flights.py", "testbed/numbers/kinds.py"),
+        *(f"services/mission/src/mission/{name}.py" for name in ("mavsdk_messages", "message_set", "mqttxt_messages")),
+    ),
+]
 
 COMMANDS = ["arm", "takeoff", "land", "offboard", "goto"]
 KINDS = [*COMMANDS, "battery", "location", "groundspeed", "flight_mode", "heading"]

@@ -28,17 +28,15 @@ class Flight(NamedTuple):
     fleet: Callable[[Path], dict[str, str]] = few_drones
 
 
+READINGS = pytest.mark.soak(
+    *("services/router/src", "services/sensor/src", "testbed/plan/sensors.py"),
+    *(f"services/mission/src/mission/{name}.py" for name in ("plain_readings", "series")),
+)
 SCENARIO_2 = pytest.param(Flight("scenario-2"), id="scenario-2")
-SCENARIO_4 = pytest.param(Flight("scenario-4"), id="scenario-4")
+SCENARIO_4 = pytest.param(Flight("scenario-4"), marks=READINGS, id="scenario-4")
 FULL_STREAMS = pytest.param(
     Flight("scenario-4", "thesis", quick_drones),
-    marks=[
-        pytest.mark.alone,
-        pytest.mark.soak(
-            *("services/router/src", "services/sensor/src", "testbed/plan/sensors.py"),
-            *(f"services/mission/src/mission/{name}.py" for name in ("plain_readings", "series")),
-        ),
-    ],
+    marks=[pytest.mark.alone, READINGS],
     id="scenario-4-thesis",
 )
 """Readings of the experiments' fleet beside all that PX4 streams; readings without that are in SCENARIO_4, those

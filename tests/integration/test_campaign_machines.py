@@ -48,6 +48,7 @@ def children_of(pid: int) -> list[int]:
     ]
 
 
+@pytest.mark.soak("testbed/fly/campaign", "tests/rigs/campaigns.py")
 def test_a_worker_that_is_killed_in_flight_loses_nothing_and_nothing_counts_twice(
     tmp_path: Path, machines: Machines
 ) -> None:

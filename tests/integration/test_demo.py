@@ -25,7 +25,7 @@ from tests.tools.programs import chromium
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400)]
 PARTS = pytest.mark.soak("services/mqttxt/src/mqttxt/demo", "tests/rigs/demonstration.py")
-"""One part that is killed stands for all, unless the demo itself has changed."""
+"""One flight, and one part that is killed, stand for all, unless the demo itself has changed."""
 ELSEWHERE = pytest.mark.soak(
     *(f"services/{part}/{what}" for part in ("mqttxt", "sitl") for what in ("src", "pyproject.toml")),
     *(f"tests/rigs/{rig}" for rig in ("as_macos", "demonstration.py", "installed.py")),
@@ -48,6 +48,7 @@ def port_taken(port: int) -> Iterator[None]:
         yield
 
 
+@PARTS
 def test_what_it_prints_flies_beside_a_taken_port_and_an_impatient_ctrl_c_leaves_nothing(demo: Demonstration) -> None:
     with port_taken(CLOUD_PORT), port_taken(PAGE_PORT):
         demo.start()
@@ -68,6 +69,7 @@ def test_what_it_prints_flies_beside_a_taken_port_and_an_impatient_ctrl_c_leaves
     assert "Traceback" not in demo.said()
 
 
+@PARTS
 @pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it")
 def test_its_page_is_opened_and_flies_and_typed_lines_take_over_from_it(demo: Demonstration, tmp_path: Path) -> None:
     opened, program = tmp_path / "opened", tmp_path / "browser"

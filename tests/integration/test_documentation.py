@@ -21,6 +21,10 @@ from tests.rigs.processes import ROOT, System, free_port, wait_until
 from tests.tools.node_programs import MOSQUITTO
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+TYPED = pytest.mark.soak(
+    *("docs/tutorial.md", "docs/api.md", "services/sitl/src/sitl/cli.py"),
+    *(f"services/mqttxt/src/mqttxt/{part}" for part in ("cli", "demo", "station")),
+)
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- tutorial: (?P<how>[^\n]*) -->\n```sh\n(?P<text>.*?)```", re.DOTALL)
@@ -126,6 +130,7 @@ def laptop(tmp_path: Path) -> Iterator[Laptop]:
         yield made
 
 
+@TYPED
 @pytest.mark.timeout(400)
 def test_the_tutorial_is_true(laptop: Laptop) -> None:
     found = steps()
@@ -149,6 +154,7 @@ def test_every_command_of_the_tutorial_is_run_or_marked() -> None:
     assert text.count("```sh") == len(BLOCK.findall(text))
 
 
+@TYPED
 @pytest.mark.timeout(240)
 def test_the_programs_of_the_api_page_fly(system: System, tmp_path: Path) -> None:
     programs = re.findall(r"```python\n(.*?)```", (DOCS / "api.md").read_text(), re.DOTALL)

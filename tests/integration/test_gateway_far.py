@@ -22,17 +22,12 @@ from tests.rigs.gateway import NAN, Flight, Ground, eventually, systems
 from tests.simulation.far import FAR_LINKS, FarLink
 
 SOURCES = ("services/mqttxt/src/mqttxt/gateway", "tests/rigs/far_link.py", "tests/simulation/far.py")
-pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400), pytest.mark.soak(*SOURCES)]
 MOST_TRIES = 4
 TEXT_S = 2.0
 
 
-@pytest.fixture(
-    params=[
-        pytest.param(link, id=link.name, marks=[] if link.name == "lte" else pytest.mark.soak(*SOURCES))
-        for link in FAR_LINKS
-    ]
-)
+@pytest.fixture(params=[pytest.param(link, id=link.name) for link in FAR_LINKS])
 def link(request: pytest.FixtureRequest) -> FarLink:
     found: FarLink = request.param
     return found

@@ -46,6 +46,7 @@ def _state(system: System) -> dict[str, Any]:
     return system.control(1, {"get": "state"})
 
 
+@pytest.mark.soak("services/mqttxt/src/mqttxt/drone", "services/sitl/src/sitl/ardupilot", "services/sitl/src/sitl/px4")
 async def test_every_command_is_flown_and_it_flies_again_after_a_landing(system: System, drone: Drone) -> None:
     await fly(drone, Arm(), Takeoff(10.0))
     assert abs(_state(system)["altitude_m"] - 10) < 1

@@ -84,6 +84,9 @@ def is_disarmed(drone: Drone) -> bool:
     return known is not None and not known.state.armed
 
 
+@pytest.mark.soak(
+    "services/mqttxt/src/mqttxt/drone/mavlink", "services/mqttxt/src/mqttxt/drone/process.py", "services/sitl/src/sitl"
+)
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 async def test_a_whole_flight_is_signed_and_survives_both_restarts(tmp_path: Path, like: str) -> None:
     """A restarted stand-in has no time of its own: it begins with its key's, decades behind the client's."""

@@ -26,6 +26,10 @@ pytestmark = [pytest.mark.integration, pytest.mark.apart]
 BATTERY_STATUS, GLOBAL_POSITION_INT, VFR_HUD, EXTENDED_SYS_STATE = 147, 33, 74, 245
 ARM, SET_MESSAGE_INTERVAL = 400, 511
 LOW_M = 3.0
+OTHERS = pytest.mark.soak(
+    *(f"services/mission/src/mission/{name}.py" for name in ("mavsdk_calls", "mavsdk_drone", "mavsdk_fleet", "steps")),
+    "services/router/src",
+)
 CONNECT_S = 40.0
 
 
@@ -133,7 +137,11 @@ async def test_a_takeoff_altitude_that_is_not_told_at_first_is_asked_for_again(s
 
 @pytest.mark.parametrize(
     ("commanding", "streams", "altitude_m"),
-    [("one-by-one", "px4-onboard", 10.0), ("concurrent", "five-states", LOW_M), ("concurrent", "px4-gcs", LOW_M)],
+    [
+        ("one-by-one", "px4-onboard", 10.0),
+        pytest.param("concurrent", "five-states", LOW_M, marks=OTHERS),
+        pytest.param("concurrent", "px4-gcs", LOW_M, marks=OTHERS),
+    ],
 )
 async def test_scenario_1_directly(
     sky: Sky, commanding: str, streams: str, altitude_m: float, monkeypatch: pytest.MonkeyPatch
@@ -171,6 +179,7 @@ def _assert_streams_asked_for(sky: Sky, drone: int, streams: str) -> None:
     assert asked == {**states, EXTENDED_SYS_STATE: 0.0}
 
 
+@OTHERS
 async def test_scenario_1_through_a_chain_of_routers_for_each_drone(sky: Sky, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenarios, "ALTITUDE_M", LOW_M)
     ports = _ports(1, 2)

@@ -23,6 +23,9 @@ from tests.quick import LANDING, quick_fleet
 from tests.rigs.processes import Process, System, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+OTHERS = pytest.mark.soak(
+    *(f"services/mission/src/mission/{name}.py" for name in ("mavsdk_messages", "message_set", "mqttxt_messages"))
+)
 COUNT = 2
 MAV_CMDS = {"arm": 400, "takeoff": 22, "land": 21, "offboard": 176, "goto": 192}
 FIELDS = {name: set(KNOWN[name].__dataclass_fields__) - {"name"} for name in STATES}
@@ -101,7 +104,7 @@ def _assert_all_are_there(folder: Path) -> None:
     assert {modes["takeoff"], modes["land"], modes["offboard"]} == {COUNT}
 
 
-@pytest.mark.parametrize("states", ["on-change", "bundle"])
+@pytest.mark.parametrize("states", ["bundle", pytest.param("on-change", marks=OTHERS)])
 async def test_every_message_of_the_set_arrives_over_mqttxt(states: str, tmp_path: Path, system: System) -> None:
     log = EventLog(tmp_path / "events.jsonl", StringIO())
     fleet = MqttxtMessageFleet(system.cloud.url, {1: (1,)}, 1, log, states)
@@ -111,7 +114,7 @@ async def test_every_message_of_the_set_arrives_over_mqttxt(states: str, tmp_pat
     assert len(words) == 2 * len(COMMANDS) * COUNT, "each call has a first word and a last one"
 
 
-@pytest.mark.parametrize("streams", ["px4-onboard", "five-states"])
+@pytest.mark.parametrize("streams", ["five-states", pytest.param("px4-onboard", marks=OTHERS)])
 async def test_every_message_of_the_set_arrives_over_mavlink(streams: str, tmp_path: Path, autopilot: int) -> None:
     log = EventLog(tmp_path / "events.jsonl", StringIO())
     urls = (f"udpin://127.0.0.1:{autopilot}",)

@@ -122,6 +122,7 @@ def test_a_click_that_is_held_back_on_its_way_is_not_carried_out_later(
     assert len(system.commanded(1, ARM)) == armed
 
 
+@pytest.mark.soak("services/mqttxt/src/mqttxt/page")
 def test_first_flight_by_keyboard_alone(system: System, page: Served, browser: LivePage) -> None:
     flown = len(system.commanded(2, TAKEOFF))
     browser.open(page.url, DESK)

@@ -43,6 +43,7 @@ def opened(browser: LivePage, page: Served) -> None:
     browser.until("document.querySelectorAll('[data-marker]').length === 2", "both on the map")
 
 
+@pytest.mark.soak("services/mqttxt/src/mqttxt/page", "services/mqttxt/src/mqttxt/station")
 def test_a_mission_is_drawn_and_flown_by_mouse_alone(system: System, page: Served, browser: LivePage) -> None:
     opened(browser, page)
     browser.watch_inputs()

@@ -25,7 +25,18 @@ TAKEOFF, LAND = 22, 21
 ALTITUDE_M = 8
 
 
-@pytest.fixture(params=[1, 0], ids=["qos1", "qos0"])
+@pytest.fixture(
+    params=[
+        pytest.param(1, id="qos1"),
+        pytest.param(
+            0,
+            id="qos0",
+            marks=pytest.mark.soak(
+                *(f"services/mqttxt/src/mqttxt/{part}" for part in ("activator", "core", "drone", "station"))
+            ),
+        ),
+    ]
+)
 def fleet(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
     """Two drones on one fog, at either QoS."""
     with closing(System(tmp_path, qos=request.param)) as made:

@@ -127,6 +127,7 @@ async def test_a_revoked_station_is_refused_within_a_second_of_the_lists_arrival
         assert (signed.acme.folder / name / "newest.pem").exists()
 
 
+@pytest.mark.soak(*(f"services/mqttxt/src/mqttxt/{part}" for part in ("core", "security", "cli/keys.py")))
 async def test_keys_are_renewed_and_the_old_ones_revoked_without_losing_a_command(signed: SecureSystem) -> None:
     acme = signed.acme
     processes = {process.name: process for process in signed.processes}

@@ -19,6 +19,7 @@ from tests.rigs.processes import eventually
 from tests.rigs.two_links import TwoLinkSystem, Watch
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+LINKS = pytest.mark.soak("services/mqttxt/src/mqttxt/core", "services/mqttxt/src/mqttxt/activator/drones.py")
 
 TAKEOFF = mavlink.MAV_CMD_NAV_TAKEOFF
 GONE_S = 3.0
@@ -43,7 +44,7 @@ async def up_and_down(system: TwoLinkSystem, drone: Drone) -> None:
     assert system.turns() == [*before, "armed", "disarmed"]
 
 
-@pytest.mark.parametrize("mode", ["", TLS, SIGNED])
+@pytest.mark.parametrize("mode", [pytest.param("", marks=LINKS), pytest.param(TLS, marks=LINKS), SIGNED])
 async def test_a_link_that_is_cut_or_held_up_either_way_holds_up_no_command(tmp_path: Path, mode: str) -> None:
     async with flying(tmp_path, mode) as (system, drone, watch):
         for number, link in enumerate(system.links, start=1):
@@ -189,7 +190,7 @@ async def test_links_that_flap(tmp_path: Path) -> None:
         await flap(system, drone, times=8)
 
 
-@pytest.mark.soak("services/mqttxt/src/mqttxt/core", "services/mqttxt/src/mqttxt/activator/drones.py")
+@LINKS
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("mode", ["", SIGNED])
 async def test_links_that_flap_for_a_minute(tmp_path: Path, mode: str) -> None:
