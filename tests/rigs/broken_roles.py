@@ -30,7 +30,7 @@ from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
 from mqttxt.core.ledger import Admission, Ledger
-from mqttxt.core.mqtt.sn import air_client, client, packets
+from mqttxt.core.mqtt.sn import address_proof, air_client, client, packets
 from mqttxt.core.mqtt.sn.air import _ToBroker
 from mqttxt.core.mqtt.sn.air_client import AirClient
 from mqttxt.core.mqtt.sn.client import SnClient
@@ -564,7 +564,7 @@ def forgets_pieces() -> None:
 
 
 def gateway_reflects() -> None:
-    air_client.REFLECTED = 1_000_000
+    address_proof.REFLECTED = 1_000_000
 
 
 def gateway_serves_every_topic() -> None:

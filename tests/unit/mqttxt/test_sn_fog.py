@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from mqttxt.activator.drones import FOG
-from mqttxt.core.mqtt.sn import air_client
+from mqttxt.core.mqtt.sn.challenge import ASK_S
 from mqttxt.core.mqtt.sn.packets import Message, decode
 from mqttxt.core.mqtt.sn.sender import Receiver
 from mqttxt.core.mqtt.sn.topic_ids import TopicIds
@@ -74,7 +74,7 @@ def test_a_drone_behind_a_nat_that_forgets_its_port_is_back_within_seconds() -> 
     simulation.live(1)
     for drone in simulation.drones:
         drone.cut(FOG)
-    simulation.events.run(simulation.events.now_us + int((air_client.ASK_S + 4) * S))
+    simulation.events.run(simulation.events.now_us + int((ASK_S + 4) * S))
     assert all(FOG in drone.links for drone in simulation.drones)
 
 

@@ -13,7 +13,7 @@ from mqttxt.core.effects import Inbound, Will
 from mqttxt.core.mqtt.events import LinkEvents
 from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.mqtt.sn import packets
-from mqttxt.core.mqtt.sn.air_client import REFLECTED
+from mqttxt.core.mqtt.sn.address_proof import REFLECTED
 from mqttxt.core.mqtt.sn.gateway import BIRTHS_AT_ONCE, BIRTHS_PER_S, OPENED_AT_ONCE, Address, Gateway
 from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
 from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM

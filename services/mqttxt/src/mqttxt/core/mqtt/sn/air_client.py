@@ -13,7 +13,10 @@ from ...effects import Inbound, Will
 from ..client import KEEPALIVE_S
 from ..round_trip import RoundTrip
 from . import packets
-from .packets import NORMAL, PREDEFINED, Message, Packet
+from .address_proof import AddressProof
+from .challenge import Challenge
+from .own_topics import OwnTopics
+from .packets import PREDEFINED, Message, Packet
 from .sender import LARGEST_DATAGRAM, MOST_IDS, Receiver, Sender
 from .together import Told, Unpacker
 from .topic_ids import TOGETHER, TopicIds, Travel
@@ -22,14 +25,8 @@ GREETING_S = 5.0
 """How long a client may take for its will, and for its first packet behind CONNACK."""
 OPENING_S = 20.0
 """How long a client is kept for which no connection to the broker comes about, from its CONNECT on."""
-ASK_S, ASK_TIMES = 5.0, 4
-"""How long a client whose id or drone somebody else names may take to answer, and how often it is asked meanwhile."""
 LINGER_S = 5.0
 """How long a client that took leave is answered when it does so again."""
-REFLECTED = 3
-"""How many times the bytes that came from an address may go there before it is proven (RFC 9000, section 8.1)."""
-MOST_REGISTERED = 256
-"""Topics that one client may register, or subscribe to by name."""
 _REFUSED, _TOO_MUCH = 0x87, 0x97
 """MQTT 5's reason codes "not authorized" and "quota exceeded"."""
 _Asked = Message | packets.Register | packets.Subscribe | packets.Unsubscribe
@@ -90,10 +87,7 @@ class AirClient:
         self.drone: int | None = None
         self.published = 0
         """How many messages it had for the broker."""
-        self._asked_s: float | None = None
-        """Since when it has not answered whether it is there, though somebody else came with its id or drone."""
-        self._asked_times = 0
-        self._is_asked_again = False
+        self._challenge = Challenge()
         self._keepalive_s = min(connect.duration_s or KEEPALIVE_S, KEEPALIVE_S)
         self._ids = ids
         self._send_datagram = send
@@ -106,16 +100,13 @@ class AirClient:
         self._since_s = self._last_in_s = now_s
         self.is_confirmed = False
         """Whether it has said anything, but that it leaves, since it is connected."""
-        self._is_proven = False
-        """Whether it has answered what only its address was told: the message id of the gateway's first PUBLISH."""
-        self._credit = 0
+        self._address = AddressProof()
         round_trip = RoundTrip()
         last_id = secrets.randbelow(MOST_IDS)
-        self._sender = Sender(self._send, ids, round_trip, self._id_of, together=False, last_id=last_id)
+        self._topics = OwnTopics(ids)
+        self._sender = Sender(self._send, ids, round_trip, self._topics.id_of, together=False, last_id=last_id)
         self._receiver = Receiver()
         self._unpacker = Unpacker(ids)
-        self._registered: dict[str, int] = {}
-        self._heard_by_name: set[str] = set()
         self._awaited: _Awaited | None = None
         self._asking: packets.Subscribe | None = None
         self._last_answer: _Answer | None = None
@@ -135,12 +126,12 @@ class AirClient:
 
     def came(self, size: int) -> None:
         """A datagram of so many bytes came from the client's address."""
-        self._credit += REFLECTED * size
+        self._address.came(size)
 
     def received(self, packet: Packet, now_s: float) -> None:
         """A packet came from the client's address."""
         self._last_in_s = now_s
-        self._asked_s = None
+        self._challenge.answered()
         if self.stage is Stage.UP:
             self.is_confirmed = self.is_confirmed or not isinstance(packet, packets.WillMsg | packets.Disconnect)
             self._on_packet(packet, now_s)
@@ -170,21 +161,15 @@ class AirClient:
 
     def ask(self, now_s: float) -> None:
         """Somebody else came with its id or drone: is it there?"""
-        self._is_asked_again = self._asked_s is not None
-        if self._asked_s is None:
-            self._asked_s, self._asked_times = now_s, 1
+        if self._challenge.begin(now_s):
             self._send(packets.Pingreq())
 
     def tick(self, now_s: float) -> None:
         """Repeat what is due; end what is over. To be called at `due_s`."""
         if self.stage is Stage.UP:
             self._sender.tick(now_s)
-        if self._asked_s is not None and now_s >= self._ask_due_s():
-            if self._asked_times < ASK_TIMES:
-                self._asked_times += 1
-                self._send(packets.Pingreq())
-            elif not self._is_asked_again:
-                self._asked_s = None
+        if self.is_there and self._challenge.asks_again(now_s):
+            self._send(packets.Pingreq())
         is_lost = self.stage is Stage.UP and self._sender.is_lost(now_s)
         if now_s < self._over_s() and not is_lost:
             return
@@ -195,12 +180,8 @@ class AirClient:
 
     def due_s(self) -> float:
         """When `tick` has something to do."""
-        return min(self._over_s(), self._ask_due_s(), self._sender.due_s() if self.stage is Stage.UP else inf)
-
-    def _ask_due_s(self) -> float:
-        if self._asked_s is None or not self.is_there:
-            return inf
-        return self._asked_s + self._asked_times * ASK_S / ASK_TIMES
+        ask_due_s = self._challenge.due_s() if self.is_there else inf
+        return min(self._over_s(), ask_due_s, self._sender.due_s() if self.stage is Stage.UP else inf)
 
     def _over_s(self) -> float:
         """When its stage is over where nothing more comes: silence as a broker has it (MQTT 5.0, 3.1.2.10)."""
@@ -210,11 +191,11 @@ class AirClient:
         lasts_s = self._last_in_s + 1.5 * self._keepalive_s if is_up else self._since_s + OPENING_S
         if is_up and not self.is_confirmed:
             lasts_s = self._since_s + GREETING_S
-        return min(lasts_s, self._asked_s + ASK_S if self._asked_s is not None else inf)
+        return min(lasts_s, self._challenge.over_s())
 
     def end(self, now_s: float) -> None:
         """It is given up; the broker publishes its will. At its port there may be who came with its id meanwhile."""
-        if self._asked_s is None:
+        if not self._challenge.is_open:
             self._send(packets.Disconnect())
         self._leave(now_s, with_will=True)
 
@@ -238,7 +219,10 @@ class AirClient:
         """The broker has a message for it."""
         if self.stage is not Stage.UP:
             return
-        known, told = self._id_of(message.topic), Told(message.topic, message.payload, message.qos, message.retain)
+        known, told = (
+            self._topics.id_of(message.topic),
+            Told(message.topic, message.payload, message.qos, message.retain),
+        )
         fits = packets.size_of_publish(message.payload) <= LARGEST_DATAGRAM
         if known is not None and fits and self._ids.travel(message.topic) is not Travel.SURELY:
             self._send(Message(known[0], message.payload, known[1], retain=message.retain))
@@ -256,8 +240,7 @@ class AirClient:
         subscribe = self._asking
         if subscribe is not None and subscribe.msg_id == ref:
             self._asking = None
-            topic_id = self._registered.get(subscribe.topic, 0) if isinstance(subscribe.topic, str) else subscribe.topic
-            self._answer(packets.Suback(topic_id, subscribe.msg_id))
+            self._answer(packets.Suback(self._topics.granted(subscribe.topic), subscribe.msg_id))
 
     # Packets of a client that is connected.
 
@@ -274,16 +257,16 @@ class AirClient:
                 self._on_told(packet, now_s)
             case packets.Puback():
                 is_answer = self._sender.on_answer(packet, now_s)
-                if not (is_answer or self._is_proven):
+                if not (is_answer or self._address.is_proven):
                     self._count("air_unproven", f"{self.client_id}: a PUBACK of what was not sent")
                     self.end(now_s)
-                self._is_proven = is_answer or self._is_proven
+                self._address.is_proven = is_answer or self._address.is_proven
             case packets.Register():
                 self._on_register(packet, now_s)
             case packets.Subscribe():
                 self._on_subscribe(packet, now_s)
             case packets.Unsubscribe():
-                topic = self._topic(packet.topic)
+                topic = self._topics.name_of(packet.topic)
                 if topic is not None:
                     self._broker.unsubscribe(topic)
                 self._answer(packets.Unsuback(packet.msg_id))
@@ -332,7 +315,7 @@ class AirClient:
             if message.qos == 0:
                 raise ValueError("messages together at QoS 0; expected QoS 1")
             return self._unpacker.take(message.payload)
-        topic = self._topic(message.topic_id, message.id_type)
+        topic = self._topics.name_of(message.topic_id, message.id_type)
         if topic is None:
             raise ValueError(f"topic id {message.topic_id}: known to nobody")
         return [Told(topic, message.payload, message.qos, message.retain)]
@@ -357,25 +340,24 @@ class AirClient:
 
     def _on_register(self, packet: packets.Register, now_s: float) -> None:
         may = self._may(self._ids.may_say, packet.topic, now_s)
-        found = self._register(packet.topic) if may else None
+        found = self._topics.register(packet.topic) if may else None
         code = 0 if found is not None else packets.CONGESTION if may else packets.INVALID_TOPIC
         if self.stage is Stage.UP:
             self._answer(packets.Regack(found or 0, packet.msg_id, code))
 
     def _on_subscribe(self, packet: packets.Subscribe, now_s: float) -> None:
-        topic = self._topic(packet.topic)
+        topic = self._topics.name_of(packet.topic)
         if packet.topic == TOGETHER:
             self._sender.together = True
             self._answer(packets.Suback(TOGETHER, packet.msg_id))
-            if not self._is_proven:
+            if not self._address.is_proven:
                 self._sender.probe(now_s)
         elif topic is None or not self._may(self._ids.may_hear, topic, now_s):
             self._count("air_topic", f"{self.client_id}: {packet.topic}: not one that its drone hears")
             if self.stage is Stage.UP:
                 self._answer(packets.Suback(0, packet.msg_id, packets.INVALID_TOPIC))
         else:
-            if isinstance(packet.topic, str) and self._register(topic) is not None:
-                self._heard_by_name.add(topic)
+            self._topics.hear(packet.topic)
             self._asking = packet
             self._broker.subscribe(topic, packet.live_only, packet.msg_id)
 
@@ -389,25 +371,6 @@ class AirClient:
             self.end(now_s)
             return False
         return rule(self.drone, topic)
-
-    def _topic(self, topic: str | int, id_type: int = PREDEFINED) -> str | None:
-        if isinstance(topic, str):
-            return topic
-        if id_type == PREDEFINED:
-            return self._ids.topic_of(topic)
-        return next((name for name, known in self._registered.items() if known == topic), None)
-
-    def _register(self, topic: str) -> int | None:
-        """The id of a topic on this connection; None where there are too many."""
-        if topic not in self._registered and len(self._registered) < MOST_REGISTERED:
-            self._registered[topic] = len(self._registered) + 1
-        return self._registered.get(topic)
-
-    def _id_of(self, topic: str) -> tuple[int, int] | None:
-        if topic in self._heard_by_name:
-            return self._registered[topic], NORMAL
-        known = self._ids.id_of(topic)
-        return (known, PREDEFINED) if known is not None else None
 
     # Greeting and leave.
 
@@ -443,8 +406,5 @@ class AirClient:
     def _send(self, packet: Packet) -> None:
         """To an address that is not proven no more than its share; the rest is lost, as on the way."""
         datagram = packets.encode(packet)
-        if not self._is_proven:
-            if len(datagram) > self._credit:
-                return
-            self._credit -= len(datagram)
-        self._send_datagram(datagram)
+        if self._address.takes(len(datagram)):
+            self._send_datagram(datagram)
