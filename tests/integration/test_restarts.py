@@ -16,6 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Arm, GroundStation, Land, Outcome, Takeoff, Word
+from mqttxt.core.hearing import ANSWER_MS, SILENT_MS
 from tests.rigs.commanding import follow
 from tests.rigs.processes import ROOT, Process, System, eventually, free_port, wait_until
 
@@ -23,6 +24,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 TAKEOFF, LAND = 22, 21
 ALTITUDE_M = 8
+STANDSTILL_S = (SILENT_MS + ANSWER_MS) / 1000 + 3
 
 
 @pytest.fixture(
@@ -133,6 +135,21 @@ async def test_a_ground_station_dies_and_another_takes_over(fleet: System) -> No
             f"the drones finish what they were told (from {height})",
         )
         await _land_all(fleet, fog)
+
+
+async def test_a_cloud_broker_that_stands_still_costs_nobody_control(system: System) -> None:
+    """For less than the keep-alive, and long enough for everybody to have heard nothing."""
+    async with GroundStation(system.cloud.url, name="alpha") as alpha:
+        (fog,) = await alpha.connect([1])
+        async with GroundStation(system.cloud.url, name="beta") as beta:
+            (watched,) = await beta.connect([1])
+            await eventually(lambda: fog.drone(1).is_controlled, "alpha is in control")
+            system.cloud.stall()
+            await asyncio.sleep(STANDSTILL_S)
+            system.cloud.go_on()
+            assert (await fog.drone(1).arm()).completed
+            assert watched.drone(1).holder == "alpha"
+    assert "delivers nothing" not in system.activator.said()
 
 
 async def test_a_query_after_the_deadline_is_answered_from_the_ledger(system: System) -> None:

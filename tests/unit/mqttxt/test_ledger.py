@@ -151,3 +151,16 @@ def test_room_comes_back_with_time() -> None:
     fill(ledger, Share.OUTSIDERS)
     assert ledger.examine(ONE, Arm(), 5000, KEEP_MS + 101, Share.OUTSIDERS) is Admission.NEW
     assert ledger.entries() == []
+
+
+def test_what_several_executors_may_get_takes_a_place_for_each_and_gives_them_back() -> None:
+    ledger: Ledger[None] = Ledger(capacity=1024, keep_ms=10)
+    alone = fill_by(Ledger(capacity=1024), Share.ORDINARY, 1)
+    taken, seq = 0, 0
+    while ledger.examine(CommandId(7, seq), Arm(), 100, 0, Share.ORDINARY, 1, places=25) is Admission.NEW:
+        ledger.close(ledger.enter(CommandId(7, seq), Arm(), None, 100, Share.ORDINARY, 1, places=25), 0)
+        taken, seq = taken + 25, seq + 1
+    assert alone - 25 < taken <= alone
+    assert fill_by(ledger, Share.ORDINARY, 2) > alone // 2 - 25, "another station has its half of the rest"
+    assert ledger.examine(CommandId(8, 0), Arm(), 900, 800, Share.ORDINARY, 1, places=25) is Admission.NEW
+    assert fill_by(ledger, Share.ORDINARY, 1) == alone

@@ -7,12 +7,16 @@ from typing import Any
 import pytest
 
 from mqttxt.core.effects import Log, Publish
+from mqttxt.core.ledger import FOG_CAPACITY
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land
 from mqttxt.protocol.control import Control
 from mqttxt.protocol.messages import CommandId, CommandMessage, FogResultMessage, Presence, ResultMessage, Word
+from mqttxt.protocol.names import MAX_DRONE
 from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
-from tests.simulation.world import GS_SESSION, UAV_SESSION
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION
+
+EVE = 0xE7E
 
 
 def test_a_command_goes_on_with_the_drones_session_and_a_deadline_of_its_clock() -> None:
@@ -177,3 +181,22 @@ def test_the_answer_to_who_is_not_in_control_stays_the_same_once_it_is() -> None
     bench.register(name="other", session=0x77, control=Control.TAKE)
     assert words(bench.command(Arm(), gs_session=0x77)) == [(Word.DENIED, "not_in_control, alpha")]
     assert of(bench.command(Arm(), gs_session=0x77, seq=2, epoch=1), "drone1/commands")
+
+
+def test_a_station_without_control_that_asks_a_whole_fog_opens_no_more_legs_than_it_may_have_places() -> None:
+    """At the true capacity: each query stays open for a day where a drone is away, and costs time in every tick."""
+    bench = ActivatorBench(drones=tuple(range(1, MAX_DRONE + 1)))
+    bench.register(name="eve", session=EVE, control=Control.NONE, lease_s=3600)
+    old = {"executor_session": FOG_SESSION + 1, "limit_s": 86_400.0, "gs_session": EVE}
+    for seq in range(1, 101):
+        bench.now_ms += 100
+        bench.command(Arm(), to="commands", seq=seq, **old)
+    legs = sum(len(entry.record.legs) for entry in bench.role.relay.ledger.open_entries())
+    assert FOG_CAPACITY // 8 - MAX_DRONE < legs <= FOG_CAPACITY // 8
+
+
+def test_a_choice_among_a_fogs_drones_takes_a_place_for_each_and_a_command_to_one_takes_one() -> None:
+    bench = ready(drones=tuple(range(1, 101)))
+    bench.select(Goto(47.0, 8.0, 10.0), seq=1, executor_session=FOG_SESSION)
+    bench.command(seq=2)
+    assert [entry.places for entry in bench.role.relay.ledger.entries()] == [100, 1]

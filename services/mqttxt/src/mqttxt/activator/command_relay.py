@@ -33,7 +33,7 @@ from ..protocol.commands import (
     Takeoff,
 )
 from ..protocol.identify import identify
-from ..protocol.messages import CommandId, CommandMessage, Word
+from ..protocol.messages import CommandId, CommandMessage, RosterEntry, Word
 from ..protocol.rankings import SelectMessage
 from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
 from ..protocol.words import NO_DEADLINE, NOT_AUDITED
@@ -130,7 +130,9 @@ class Relay:
         station = self._station(command.gs_session)
         if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
             return None, [Log("flood", f"{command.command.name} of {station}: too many")]
-        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms, share, station)
+        query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
+        places = 1 if target not in (None, CHOSEN) else max(1, len(self._asked(query)))
+        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms, share, station, places)
         entry = self.ledger.get(command.id)
         if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
             job = entry.record
@@ -147,9 +149,8 @@ class Relay:
             reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
             return None, self.words.deny(target, command.command.name, command.id, reason, now_ms)
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
-        query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
         job = Job(target, command, deadline_ms, close_at_ms, query, signed)
-        entry = self.ledger.enter(command.id, contents, job, keep_ms, share, station)
+        entry = self.ledger.enter(command.id, contents, job, keep_ms, share, station, places)
         out: list[Effect] = [self._audited(command, target, select, now_ms)]
         refusal = self._refusal(job, known, retained, now_ms)
         return (entry, out) if refusal is None else (None, out + self.refuse(entry, refusal, now_ms))
@@ -245,7 +246,7 @@ class Relay:
     def _broadcast(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
         """Send a command to all of its roster; what is said of it to the station wakes nobody before it has left."""
         job = entry.record
-        roster = self._drones.asked() if job.query else self._drones.roster()
+        roster = self._asked(job.query)
         said, sent = self.words.say_roster(entry, roster, now_ms), list[Effect]()
         for listed in roster:
             for effect in self.forward(entry, listed.drone, now_ms):
@@ -254,6 +255,10 @@ class Relay:
         if not job.legs:
             self.ledger.close(entry, now_ms)
         return [*sent, *said]
+
+    def _asked(self, query: bool) -> tuple[RosterEntry, ...]:
+        """Whom a broadcast is for."""
+        return self._drones.asked() if query else self._drones.roster()
 
     def forward(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
         """Send a command to a drone, for the first time: closed here if it cannot be, else from then on the drone's."""

@@ -112,6 +112,7 @@ class Activator:
         if link == FOG:
             self._subacks[FOG] = 1
             return [Subscribe(FOG, self.fog_side.activator_filters())]
+        self._hearing.connected(now_ms)
         self._subacks[CLOUD] = 3
         return [
             Subscribe(CLOUD, self.cloud.activator_command_filters(), live_only=True),
@@ -147,7 +148,7 @@ class Activator:
         if link == FOG:
             self.relay.fog_connected = True
             return []
-        self._hearing.heard(now_ms)
+        self._hearing.granted(now_ms)
         # The broker sends what it retains before this beacon comes back: then it is known who else is there.
         return self.ownership.on_subscribed(now_ms)
 
@@ -168,6 +169,8 @@ class Activator:
             return [Log(error.kind, f"{message.topic}: {error}")]
 
     def on_published(self, link: str, ref: Any, code: int, now_ms: int) -> list[Effect]:
+        if link == CLOUD and self._hearing.published(ref, code, now_ms):
+            return []
         if isinstance(ref, Carried):
             return self.sensors.on_published(ref, code, now_ms)
         return self.relay.on_published(ref, code, now_ms) if link == FOG else []

@@ -60,7 +60,10 @@ class Share(Enum):
 
 @dataclass
 class Entry(Generic[Record]):
-    """One id: its contents (None when known only from a journal), and what its owner records about it."""
+    """One id: its contents (None when known only from a journal), and what its owner records about it.
+
+    It takes as many `places` as executors may get it.
+    """
 
     id: CommandId
     contents: Hashable | None
@@ -68,11 +71,12 @@ class Entry(Generic[Record]):
     keep_until_ms: int
     share: Share
     station: Hashable = None
+    places: int = 1
     is_open: bool = True
 
 
 class Ledger(Generic[Record]):
-    """Ids with their contents and records, at most `capacity`: a quarter is for outsiders, a sixteenth kept free.
+    """Ids with their contents and records, in `capacity` places: a quarter is for outsiders, a sixteenth kept free.
 
     A `station` is whatever the owner of the ledger knows a station by. Each takes at most half of what the others of
     its share have left: so one that fills its half leaves the next one a quarter, and so on.
@@ -106,8 +110,9 @@ class Ledger(Generic[Record]):
         now_ms: int,
         share: Share = Share.ORDINARY,
         station: Hashable = None,
+        places: int = 1,
     ) -> Admission:
-        """What to do with a command of a station, without entering it.
+        """What to do with a command of a station that takes so many places, without entering it.
 
         While the deadline of an id that was denied for want of room has not passed, unknown ids of its station and
         share are denied too: the denied one may arrive a second time and must not be executed then.
@@ -118,7 +123,7 @@ class Ledger(Generic[Record]):
             return Admission.DUPLICATE if same else Admission.CONFLICT
         self._purge(now_ms)
         own, barred_until_ms = (share, station), self._barred_until_ms.get((share, station), 0)
-        if not self._has_room(share, station):
+        if not self._has_room(share, station, places):
             if share is Share.OUTSIDERS:
                 return Admission.IGNORED
             self._barred_until_ms[own] = max(barred_until_ms, deadline_ms + 1)
@@ -133,15 +138,16 @@ class Ledger(Generic[Record]):
         deadline_ms: int,
         share: Share = Share.ORDINARY,
         station: Hashable = None,
+        places: int = 1,
     ) -> Entry[Record]:
         """Enter an id that `examine` called new, or one restored from a journal."""
-        entry = Entry(command_id, contents, record, deadline_ms + self._keep_ms, share, station)
+        entry = Entry(command_id, contents, record, deadline_ms + self._keep_ms, share, station, places)
         self._entries[command_id] = self._open[command_id] = entry
-        self._taken[share] += 1
-        self._taken_by[share, station] += 1
+        self._taken[share] += places
+        self._taken_by[share, station] += places
         return entry
 
-    def _has_room(self, share: Share, station: Hashable) -> bool:
+    def _has_room(self, share: Share, station: Hashable, places: int) -> bool:
         outsiders = self._capacity // 4
         if share is Share.OUTSIDERS:
             free = outsiders - self._taken[share]
@@ -149,7 +155,7 @@ class Ledger(Generic[Record]):
             kept_free = self._capacity // 16 if share is Share.ORDINARY else 0
             taken = self._taken[Share.ORDINARY] + self._taken[Share.OVERRIDING]
             free = self._capacity - outsiders - kept_free - taken
-        return self._taken_by[share, station] < free
+        return self._taken_by[share, station] + places <= free - (places - 1)
 
     def close(self, entry: Entry[Record], now_ms: int) -> None:
         """The last word is out: keep it for ten minutes from now or from the deadline, whichever is later."""
@@ -164,9 +170,9 @@ class Ledger(Generic[Record]):
             if entry is None or entry.is_open or entry.keep_until_ms >= now_ms:  # closed a second time, or entered
                 continue
             del self._entries[entry.id]
-            self._taken[entry.share] -= 1
+            self._taken[entry.share] -= entry.places
             own = entry.share, entry.station
-            self._taken_by[own] -= 1
+            self._taken_by[own] -= entry.places
             if self._taken_by[own] == 0:
                 del self._taken_by[own]
         self._barred_until_ms = {own: until for own, until in self._barred_until_ms.items() if now_ms < until}

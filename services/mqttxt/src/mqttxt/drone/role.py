@@ -124,6 +124,7 @@ class UavClient:
         if link == SENSORS and self.carrier is not None:
             return self.carrier.on_connected(now_ms)
         self.connected = True
+        self._hearing.connected(now_ms)
         self._awaited_subacks = 2
         commands = Subscribe(LINK, (self.topics.commands(self.drone),), live_only=True)
         others = [f(self.drone) for f in (self.topics.init_connect, self.topics.reachable, self.topics.bulk)]
@@ -162,7 +163,7 @@ class UavClient:
         if self._awaited_subacks != 0:
             return []
         self.desk.may_publish = True
-        self._hearing.heard(now_ms)
+        self._hearing.granted(now_ms)
         self._states.throttle.forget_published()
         self._listener = None
         out: list[Effect] = [self._presence.say(up=True), self._beacon(now_ms)]
@@ -186,7 +187,7 @@ class UavClient:
 
     def on_published(self, link: str, ref: Any, code: int, now_ms: int) -> list[Effect]:
         """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""
-        if link == SENSORS:
+        if link == SENSORS or self._hearing.published(ref, code, now_ms):
             return []
         if self.carrier is not None and is_carried(ref):
             return self.carrier.on_published(ref, code, now_ms)

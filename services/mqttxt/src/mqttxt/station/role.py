@@ -94,6 +94,8 @@ class StationRole:
 
     def on_connected(self, link: str, now_ms: int) -> list[Output]:
         self.connected = True
+        if self.fogs:
+            self._hearing.connected(now_ms)
         return self._subscribed_to([*self.fogs.values()], is_first=True)
 
     def on_disconnected(self, link: str, now_ms: int) -> list[Output]:
@@ -107,7 +109,7 @@ class StationRole:
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Output]:
         if subscribe.ref is None:
-            self._hearing.heard(now_ms)
+            self._hearing.granted(now_ms)
             return [self._presence.say(up=True)]
         return [*self.fogs[int(str(subscribe.ref))].on_subscribed(now_ms)]
 
@@ -168,6 +170,7 @@ class StationRole:
 
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Output]:
         """A command is acknowledged by its executor's words, not by the broker."""
+        self._hearing.published(ref, code, now_ms)
         return []
 
     def on_identity(self, now_ms: int) -> list[Output]:

@@ -96,7 +96,7 @@ class MqttLink:
         self._longest_pause_s = longest_pause_s
         self._is_closed = False
         self._failures = 0
-        self._has_been_up = self._was_accepted = False
+        self._has_been_up = self._was_accepted = self._goes_on_at_once = False
         self._outage = Outage(link or name, address)
         self._use(None)
 
@@ -111,8 +111,9 @@ class MqttLink:
             reason = self.failure = await self._one_connection()
             if self._is_closed:
                 return
-            if reason is None:
+            if reason is None or self._goes_on_at_once:
                 pause_s = FIRST_PAUSE_S
+            if reason is None:
                 self._outage.begin(now_s())
             else:
                 self._failures += 1
@@ -144,6 +145,7 @@ class MqttLink:
     def give_up(self, reason: str) -> None:
         """End the connection, if there is one, with its will; another one is begun."""
         if self._connection is not None:
+            self._goes_on_at_once = self._connection.was_served
             self._connection.give_up(reason)
 
     async def close(self) -> None:
@@ -208,7 +210,7 @@ class MqttLink:
     async def _one_connection_by(self, ssl_context: ssl.SSLContext | None) -> str | None:
         connection = self._made(ssl_context)
         told: asyncio.TimerHandle | None = None
-        self._was_accepted = False
+        self._was_accepted = self._goes_on_at_once = False
         try:
             try:
                 code = await connection.open()
