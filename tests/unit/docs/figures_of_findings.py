@@ -31,6 +31,8 @@ STREAMED = (
     *((f"scenario-{number}", PX4) for number in (2, 3, 4)),
 )
 """Where PX4's onboard streams are flown on the links of `thesis`."""
+OTHER_PROFILES = ("3g", "bursty", "edge", "geo", "geo-2s", "lan", "leo", "sik")
+"""Where one attempt of `five-states-bundled` was flown."""
 COLUMNS = [f"{HEADINGS[at - 1]} ×" if name == "×" else name for at, name in enumerate(HEADINGS)]
 """Of the message set's table; a ratio is named after the column that it is of."""
 
@@ -96,12 +98,21 @@ def passages(found: Findings) -> Iterator[list[str]]:
     yield _losses(found)
     yield _lossy(found)
     yield _delays(found)
+    yield _other_profiles(found)
     yield from _real_px4s(found)
     yield from _layers(found)
     yield _readings(found)
     yield from _message_set(found)
     yield from _targets(found)
     yield from _less_on_the_wire(found)
+
+
+def _other_profiles(found: Findings) -> list[str]:
+    """MAVLink's bytes over MQTT-XT's, least and most, and the most of its states that MAVLink lost."""
+    rates = sorted((found.one(BUNDLED, profile, "rates") for profile in OTHER_PROFILES), key=float)
+    lost = [lost_of(STATES_LOST, found.attempts("mavlink", BUNDLED, profile)) for profile in OTHER_PROFILES]
+    most = max(lost, key=lambda one: one.value or 0.0)
+    return [rates[0], f"{rates[-1]} times", most.text.partition(" of ")[0]]
 
 
 def _traffic(found: Findings) -> list[str]:
