@@ -28,7 +28,7 @@ from mqttxt.protocol.values import item_of, mark_of
 from .examples import examples
 from .schema import MESSAGES, rule_name
 
-_UNITS = {"_m_s": "m/s", "_deg": "°", "_pct": "%", "_ms": "ms", "_s": "s", "_m": "m", "_v": "V", "_a": "A"}
+_UNITS = {"_m_s": "m/s", "_deg": "°", "_pct": "%", "_ms": "ms", "_s": "s", "_m": "m", "_v": "V", "_a": "A", "_hz": "Hz"}
 _SMALL = {("m", 1000): "mm", ("m/s", 100): "cm/s", ("V", 1000): "mV", ("A", 100): "cA"}
 
 
@@ -162,7 +162,7 @@ def _forms(name: str, hint: Any) -> tuple[str, str]:
         return (str(mark.value), "the same")
     if isinstance(mark, Scaled):
         low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
-        fine = _SMALL.get((unit, mark.per_unit)) or f"{1 / mark.per_unit:g} {unit}"
+        fine = _SMALL.get((unit, mark.per_unit)) or f"{1 / mark.per_unit:g} {unit}".rstrip()
         of_cbor, of_json = f"{low} to {high}{_behind(fine)}", f"{mark.low:.12g} to {mark.high:.12g}{_behind(unit)}"
         return (of_cbor, of_json)
     if isinstance(mark, Real):
