@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from mqttxt.cli.one_line import OneLineErrors
 from net.link_plan import SHAPERS
 
 from ..errors import TestbedError, UserError
@@ -43,6 +44,7 @@ from .summary import summary
 
 app = typer.Typer(
     name="testbed",
+    cls=OneLineErrors,
     help="Flies the same mission over MQTT-XT and MAVLink on the same links, and shows what went over them.",
     no_args_is_help=True,
     add_completion=False,
@@ -105,6 +107,8 @@ def report(
 ) -> None:
     """Make metrics and report again, from the results folder alone."""
     with _errors_as_lines():
+        for path in results:
+            open_series(path)  # its error is raised before anything is written
         for path in results:
             report_series(path, make_console())
 

@@ -172,12 +172,12 @@ def point(link: Path, target: Path) -> None:
 
 
 def open_series(path: Path) -> Series:
-    """A series from its folder, `latest` included; raises ResultsError."""
+    """A series from its folder, `latest` included; raises UserError for a path that is none."""
     if not path.is_dir():
-        raise ResultsError(f"{path}: expected a results folder")
+        raise UserError(f"{path}: expected a results folder")
     series = Series(path.resolve())
     if not series.attempts():
-        raise ResultsError(f"{path}: expected a series, with <protocol>/attempt-NN in it")
+        raise UserError(f"{path}: expected a series, with <protocol>/attempt-NN in it")
     return series
 
 

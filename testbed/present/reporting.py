@@ -39,7 +39,7 @@ def reported_without_docker(series: Series, console: Console) -> Iterator[None]:
 def report_series(path: Path, console: Console) -> Metrics:
     """Metrics, page and figures of a series from its folder alone, and its summary on the terminal.
 
-    Returns the metrics. Raises ResultsError.
+    Returns the metrics. Raises UserError for a path that is no series, ResultsError for one that cannot be read.
     """
     series = open_series(path)
     metrics = measure_series(series)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import pytest
 from typer.testing import CliRunner
 
-from mqttxt import Word
+from mqttxt import Takeoff, Word
 from mqttxt.cli.advice import line_of, not_there
+from mqttxt.cli.gs import PARAMETERS
 from mqttxt.cli.main import app
+from mqttxt.cli.station import StationOptions
 from tests.simulation.page_fleet import FakeStation, outcome
 
 if TYPE_CHECKING:
     from mqttxt.station.views import Fog
 
+FORMS = "mqtt://HOST[:PORT] or mqtts://HOST[:PORT], with a port from 1 to 65535"
 ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
 
 
@@ -25,21 +29,35 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("gs send jump", "command 'jump': expected one of arm, disarm, takeoff, land, goto, hold, return"),
         ("gs send takeoff high", "takeoff altitude_m 'high': expected a number from 0.5 to 10000"),
         ("gs send goto 1 -2 -501 --drone 1", "goto altitude_m '-501': expected a number from -500"),
-        ("gs send hold --drnoe 1", "hold: expected no parameters, got --drnoe 1"),
+        ("gs send hold --drnoe 1", "gs send: no such option: --drnoe"),
         ("gs send takeoff nan", "takeoff altitude_m 'nan': expected a number from 0.5 to 10000"),
         ("gs send goto 91 8 9 --drone 1", "goto latitude_deg '91': expected a number from -90 to 90"),
         ("gs send goto -91 -8.25 -5 --drone 1", "goto latitude_deg '-91': expected a number from -90 to 90"),
         ("gs send goto 1 2", "goto: expected LATITUDE_DEG LONGITUDE_DEG ALTITUDE_M, got 1 2"),
         ("gs send goto 1 2 3", "goto: expected --drone NUMBER, or --best: it is for one drone"),
         ("gs send offboard 5 velocity 1 0 0", "offboard: expected --drone NUMBER: it is for one drone"),
-        ("gs send arm --cloud mqtt://a..b", "broker 'mqtt://a..b': expected mqtt://HOST[:PORT]"),
-        ("gs send arm --cloud cloud:1883", "broker 'cloud:1883': expected mqtt://HOST[:PORT]"),
+        ("gs send --fgo 1 arm", "gs send: no such option: --fgo"),
+        ("gs send arm --fgo 1", "gs send: no such option: --fgo"),
+        ("gs send arm --cloud mqtt://a..b", "--cloud 'mqtt://a..b': expected mqtt://HOST[:PORT]"),
+        ("gs send arm --cloud cloud:1883", "--cloud 'cloud:1883': expected mqtt://HOST[:PORT]"),
+        ("gs send arm --cloud mqtt://127.0.0.1:99999", f"--cloud 'mqtt://127.0.0.1:99999': expected {FORMS}"),
+        ("gs send arm --cloud mqtt://127.0.0.1:0", f"--cloud 'mqtt://127.0.0.1:0': expected {FORMS}"),
+        ("activator --fog 1 --cloud mqtt://127.0.0.1:0", f"--cloud 'mqtt://127.0.0.1:0': expected {FORMS}"),
+        ("uav --drone 1 --broker mqtts://127.0.0.1:0", "mqtt-sn://HOST[:PORT], with a port from 1 to 65535"),
         ("gs send arm --qos 2", "--qos 2: expected 0 or 1"),
         ("gs send arm --drone 300", "--drone 300: expected a whole number from 1 to 250"),
-        ("gs send arm --cloud mqtt://cloud.example", f"broker mqtt://cloud.example:1883: {ADVICE}"),
+        ("gs send arm --cloud mqtt://cloud.example", f"--cloud mqtt://cloud.example:1883: {ADVICE}"),
         ("gs send arm --identity /nowhere", "identity /nowhere: no such folder"),
         ("uav --drone 0 --broker mqtt://x", "--drone 0: expected a whole number from 1 to 250"),
-        ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot usb", "autopilot 'usb': expected udp:"),
+        ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot usb", "--autopilot 'usb': expected udp:"),
+        (
+            "uav --drone 1 --broker mqtt://127.0.0.1 --autopilot udp:127.0.0.1",
+            "mqttxt: --autopilot 'udp:127.0.0.1': expected udp:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD",
+        ),
+        (
+            "conformance uav --broker mqtt://x --autopilot udp:127.0.0.1",
+            "mqttxt: --autopilot 'udp:127.0.0.1': expected",
+        ),
         ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot serial:/dev/x:0", "expected a baud rate from 1"),
         ("uav --drone 1 --broker mqtt://fog.example", f"--broker mqtt://fog.example:1883: {ADVICE}"),
         (
@@ -103,8 +121,8 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("gs send land --drone 1 --drone 2", "--drone 1 2: expected one, or none for the whole fog"),
         ("gs send takeoff 1_5", "takeoff altitude_m '1_5': expected a number from 0.5 to 10000"),
         ("gs send takeoff \N{FULLWIDTH DIGIT NINE}", "expected a number from 0.5 to 10000"),
-        ("gs send takeoff --dron=2", "takeoff altitude_m '--dron=2': expected a number"),
-        ("gs send hold --dron 2", "hold: expected no parameters, got --dron 2"),
+        ("gs send takeoff --dron=2", "gs send: no such option: --dron"),
+        ("gs send hold --dron 2", "gs send: no such option: --dron"),
         ("gs page --fog 1 --listen 127.0.0.1:80000", "expected HOST:PORT, with a port from 1 to 65535"),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --listen 127.0.0.1:1 --drones a",
@@ -137,6 +155,13 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
             "--fog-broker 'y': expected mqtt://HOST[:PORT]",
         ),
         ("conformance gs --broker mqtt://x --ttl 61", "--ttl 61: expected more than 0 and at most 60 s"),
+        ("gs mavlink --fog 1 --to udp:127.0.0.1:1 --ttl 0", "--ttl 0: expected more than 0 and at most 60 s"),
+        ("gs watch --fog 1 --timeout -1", "--timeout -1: expected more than 0 s"),
+        (
+            "gs plan upload /nope.plan --drone 1",
+            "/nope.plan: No such file or directory; expected a file that can be read",
+        ),
+        ("gs params load /nope.params --drone 1", "No such file or directory; expected a file that can be read"),
     ],
 )
 def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(typed: str, said: str) -> None:
@@ -156,7 +181,8 @@ def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(typed: str, said: 
         ("uav --drone one --broker mqtt://[::1]", "uav: --drone 'one': expected a whole number"),
         ("keys issue plane 1", "keys issue: KIND 'plane': expected one of drone, fog, broker, station, sensor"),
         ("keys check", "keys check: expected FOLDER: An identity's folder."),
-        ("fly", "no such command 'fly'"),
+        ("fly", "no such command 'fly'; expected one of broker, demo, activator, uav, gs, conformance, keys, audit\n"),
+        ("gs wach", "gs: no such command 'wach'; expected one of watch, share-list, send, "),
         ("gs takeoff 10", "gs: no such command 'takeoff'; expected `mqttxt gs send takeoff`"),
     ],
 )
@@ -165,6 +191,49 @@ def test_what_is_no_command_line_is_one_line_too(typed: str, said: str) -> None:
     assert done.exit_code == 2, done.output
     assert done.stderr.startswith(f"mqttxt: {said}")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("--ttl 61", "--ttl 61: expected more than 0 and at most 60 s"),
+        ("--ttl 0", "--ttl 0: expected more than 0 and at most 60 s"),
+        ("--ttl nan", "--ttl nan: expected more than 0 and at most 60 s"),
+        ("--limit 0", "--limit 0: expected 0.1 to 86400 s"),
+        ("--limit 86401", "--limit 86401: expected 0.1 to 86400 s"),
+    ],
+)
+def test_no_control_is_taken_for_a_time_that_no_command_can_have(
+    typed: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def join(*_: object) -> None:
+        raise AssertionError("a station was made")
+
+    monkeypatch.setattr(StationOptions, "joined", join)
+    done = CliRunner().invoke(app, shlex.split(f"gs send arm --take-over {typed}"))
+    assert (done.exit_code, done.stderr) == (2, f"mqttxt: {said}\n")
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--journal", "is a folder; expected a file"),
+        ("--audit", "cannot be written: Is a directory; expected a file"),
+        ("--parameter-ranges", "Is a directory; expected a file that can be read"),
+    ],
+)
+def test_a_folder_in_place_of_a_file_is_named_by_its_option(option: str, said: str, tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    words = ["uav", "--drone", "1", "--broker", "mqtt://127.0.0.1", "--journal", str(tmp_path / "journal")]
+    done = CliRunner().invoke(app, [*words, option, str(folder)])
+    assert done.exit_code == 2
+    assert done.stderr.splitlines()[-1] == f"mqttxt: {option} {folder}: {said}"
+
+
+def test_the_help_says_how_high_a_takeoff_is_without_a_height() -> None:
+    assert Takeoff().altitude_m == 10
+    assert "takeoff: [ALTITUDE], 10 m without;" in PARAMETERS
 
 
 def test_the_line_is_the_same_for_who_runs_the_package() -> None:

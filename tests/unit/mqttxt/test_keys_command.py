@@ -206,7 +206,10 @@ def test_a_fog_that_shares_the_clouds_broker_has_its_own_side_of_it(here: Path) 
     [
         ("keys init a/b", "fleet name 'a/b': expected 1 to 64"),
         ("keys init acme", "acme: File exists; expected a new folder"),
-        ("keys init other --drones 251", "drone: '251': expected numbers from 1 to 250"),
+        ("keys init other --drones 251", "--drones: '251': expected numbers from 1 to 250"),
+        ("keys init other --fogs 0", "--fogs: '0': expected numbers from 1 to "),
+        ("keys init other --drones 1,3-2", "--drones: '1,3-2': 3-2 is reversed; expected 2-3"),
+        ("keys issue drone 3-2", "drone: '3-2': 3-2 is reversed; expected 2-3"),
         ("keys issue drone x", "drone: 'x': expected numbers"),
         ("keys issue drone 1", "acme/drone1: is there; expected a node that has no identity yet"),
         ("keys issue drone 3 --may command", "drone: expected --may and --drones for stations alone"),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
+import mqttxt
 from mqttxt import (
     Armed,
     AutopilotText,
@@ -26,9 +29,11 @@ from mqttxt import (
     StateUpdate,
     Word,
 )
+from mqttxt.drone.mavlink.mav_result import _NAMES, refusal
 from mqttxt.page.event_log import EventLog
 from mqttxt.page.words import (
     OF_ACTIVATOR,
+    REASONS,
     WORDS,
     choice_in_plain_english,
     code_of,
@@ -38,6 +43,18 @@ from mqttxt.page.words import (
 )
 from tests.simulation.page_fleet import outcome
 
+ROOT = Path(__file__).resolve().parents[3]
+SPECIFIED = re.compile(
+    r"\b(?:denied|expired|failed|overtaken|superseded|unconfirmed|unreachable|unsupported)\(([a-z_]+)"
+)
+WRITTEN = re.compile(
+    r"""(?:CannotExecute\(|OtherPlan\(|refuse\(entry, |Word\.[A-Z]+, |return (?="[a-z]+_))f?"([a-z_]+)[",:]"""
+)
+OF_TRANSFERS = {"other_log_wanted"}
+"""Why an object is not given: no word about a command."""
+NO_REASONS = {"by", "is", "reason"}
+"""`superseded(by ID)`, `failed(is VALUE)`, and the place of any reason."""
+
 
 def update(state: State, drone: int = 1) -> StateUpdate:
     return StateUpdate(1, drone, state, 1, 10)
@@ -45,6 +62,26 @@ def update(state: State, drone: int = 1) -> StateUpdate:
 
 def test_every_word_is_explained() -> None:
     assert set(WORDS) == set(Word)
+
+
+def test_every_reason_of_the_specification_is_explained() -> None:
+    reasons = set(SPECIFIED.findall((ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")))
+    assert len(reasons) > 40
+    assert reasons - NO_REASONS - set(REASONS) == set()
+
+
+@pytest.mark.parametrize("node", ["activator", "drone"])
+def test_every_reason_that_a_node_gives_is_explained(node: str) -> None:
+    folder = Path(mqttxt.__file__).parent / node
+    reasons = {reason for path in folder.rglob("*.py") for reason in WRITTEN.findall(path.read_text(encoding="utf-8"))}
+    assert len(reasons) > 5
+    assert reasons - OF_TRANSFERS - set(REASONS) == set()
+
+
+@pytest.mark.parametrize("result", sorted(set(_NAMES) - {0, 5}))
+def test_every_result_of_an_autopilot_is_explained(result: int) -> None:
+    word, reason = refusal(result)
+    assert word is Word.UNSUPPORTED or reason in REASONS
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,47 @@ def test_a_mistake_is_one_line(words: list[str], said: str) -> None:
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        ["verdict", "PATH", "--require", "ratios.packets>=50"],
+        ["report", "PATH"],
+        ["compare", "PATH", "PATH"],
+    ],
+)
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [("nothing", "expected a results folder"), ("", "expected a series, with <protocol>/attempt-NN in it")],
+)
+def test_a_path_that_is_no_series_is_a_mistake_too(words: list[str], path: str, said: str, tmp_path: Path) -> None:
+    wrong = tmp_path / path
+    assert _run(*(str(wrong) if word == "PATH" else word for word in words)) == (2, "", f"testbed: {wrong}: {said}\n")
+
+
+def test_no_report_is_made_where_one_of_the_paths_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "series" / "mqttxt" / "attempt-01").mkdir(parents=True)
+    reported: list[Path] = []
+    monkeypatch.setattr(cli, "report_series", lambda path, _: reported.append(path))
+    assert _run("report", str(tmp_path / "series"), str(tmp_path / "nothing"))[0] == 2
+    assert reported == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "scenario-1", "--profle", "lte"], "run: no such option: --profle"),
+        (["run"], "run: expected EXPERIMENT: What to fly: "),
+        (["nope"], "no such command 'nope'; expected one of "),
+        (["profiles", "nope"], "profiles: no such command 'nope'; expected show"),
+        (["packets", "latest", "--rows", "many"], "packets: --rows 'many': expected a whole number"),
+    ],
+)
+def test_what_is_no_command_line_is_one_line_too(words: list[str], said: str) -> None:
+    code, shown, line = _run(*words)
+    assert (code, shown, line.count("\n")) == (2, "", 1)
+    assert line.startswith(f"testbed: {said}")
+
+
+@pytest.mark.parametrize(
     "words", [["scheduler"], ["worker", "--scheduler", "tls://lab:1"], ["all", "--scheduler", "x"]]
 )
 def test_many_machines_need_a_certificate(words: list[str], tmp_path: Path) -> None:

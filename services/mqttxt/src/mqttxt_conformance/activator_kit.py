@@ -110,7 +110,7 @@ class ActivatorKit:
         await self.cloud.until(lambda: born() or self.subject.exit_code is not None, BIRTH_S)
         self.birth = born()
         if self.birth is None:
-            raise Broken(f"no birth on {self.topics.reachable}, exit code {self.subject.exit_code}")
+            raise Broken(f"no birth on {self.topics.reachable}: {self.subject.why_silent(f'{BIRTH_S:g} s')}")
         self.session = shapes.read("fog-presence", self.birth.payload)["session"]
         self.remote = RemoteClock(self.session)
         for at_ms, beacon in self.beacons:

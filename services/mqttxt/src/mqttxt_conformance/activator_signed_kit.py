@@ -139,7 +139,7 @@ class SignedActivatorKit:
         await self.cloud.until(lambda: self.cloud.since(0, topic) or self.subject.exit_code is not None, BIRTH_S)
         births = self.cloud.since(0, topic)
         if not births:
-            raise Broken(f"no birth on {topic}, exit code {self.subject.exit_code}")
+            raise Broken(f"no birth on {topic}: {self.subject.why_silent(f'{BIRTH_S:g} s')}")
         self.session = shapes.read("fog-presence", births[-1].payload)["session"]
         self.remote = RemoteClock(self.session)
         born = Presence(session=self.gs_session, up=True)

@@ -21,9 +21,9 @@ async def play(kit: GsKit) -> None:
     await kit.appear()
     if kit.subject.is_ours:
         await kit.subject.start()
-    await kit.tap.until(lambda: kit.enrolments, APPEAR_S)
+    await kit.tap.until(lambda: kit.enrolments or kit.subject.exit_code is not None, APPEAR_S)
     if not kit.enrolments:
-        raise Broken(f"no registration on {kit.topics.init_connect} within {APPEAR_S:g} s")
+        raise Broken(f"no registration on {kit.topics.init_connect}: {kit.subject.why_silent(f'{APPEAR_S:g} s')}")
     await kit.tap.until(lambda: kit.commands, APPEAR_S)
     _say_nonsense(kit)
     _forge(kit)

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import shlex
+import tempfile
 from pathlib import Path
+from typing import IO
 
+from mqttxt.core.printable import printable
 from mqttxt.errors import ConfigurationError
 
 from .registry import NotTested
 
 END_S = 10.0
+_TAIL = 4096
+_LONGEST_LINE = 300
 
 
 class Subject:
@@ -20,7 +26,11 @@ class Subject:
     def __init__(self, command_line: str | None, values: dict[str, str], log: Path | None = None) -> None:
         self._arguments: list[str] = []
         self._process: asyncio.subprocess.Process | None = None
-        self._log = log
+        self._output = log
+        """Where its stderr goes, with a log its stdout too: since it was started from the byte `_from_byte` on."""
+        self._from_byte = 0
+        self._unlogged: IO[bytes] | None = None
+        """The file in place of a log, which goes with the kit."""
         if command_line is None:
             return
         try:
@@ -43,19 +53,42 @@ class Subject:
     def exit_code(self) -> int | None:
         return self._process.returncode if self._process is not None else None
 
+    @property
+    def ending(self) -> str:
+        """How it ended, as `exit code 2: LINE` with the last line of its stderr; with a log, of what the log got."""
+        line = self._last_line()
+        return f"exit code {self.exit_code}{f': {line}' if line else ''}"
+
+    def why_silent(self, waited: str) -> str:
+        """Why nothing has come of it: it has ended, or `waited` went by."""
+        return f"it ended with {self.ending}" if self.exit_code is not None else f"{waited} went by"
+
+    def _last_line(self) -> str:
+        """Empty where it has written nothing since it was started, or into what is no file."""
+        if self._output is None or not self._output.is_file():
+            return ""
+        with self._output.open("rb") as output:
+            end = output.seek(0, os.SEEK_END)
+            output.seek(max(self._from_byte, end - _TAIL))
+            lines = output.read().decode(errors="replace").split("\n")
+        return next((printable(line.strip())[:_LONGEST_LINE] for line in reversed(lines) if line.strip()), "")
+
     async def start(self) -> None:
         """Raises ConfigurationError where the program cannot be started."""
-        output = self._log.open("ab") if self._log is not None else None
-        try:
-            sink = output or asyncio.subprocess.DEVNULL
-            self._process = await asyncio.create_subprocess_exec(
-                *self._arguments, stdin=asyncio.subprocess.DEVNULL, stdout=sink, stderr=sink
-            )
-        except OSError as error:
-            raise ConfigurationError(f"--run {self._arguments[0]!r}: {error.strerror or error}") from error
-        finally:
-            if output is not None:
-                output.close()
+        if self._output is None:
+            self._unlogged = tempfile.NamedTemporaryFile(prefix="mqttxt-conformance-")  # noqa: SIM115
+            self._output = Path(self._unlogged.name)
+        with self._output.open("ab") as output:
+            self._from_byte = os.fstat(output.fileno()).st_size
+            try:
+                self._process = await asyncio.create_subprocess_exec(
+                    *self._arguments,
+                    stdin=asyncio.subprocess.DEVNULL,
+                    stdout=output if self._unlogged is None else asyncio.subprocess.DEVNULL,
+                    stderr=output,
+                )
+            except OSError as error:
+                raise ConfigurationError(f"--run {self._arguments[0]!r}: {error.strerror or error}") from error
 
     def need(self) -> None:
         """Raises NotTested where the kit cannot start the implementation."""

@@ -262,7 +262,7 @@ async def connects_anew(kit: AirKit) -> str:
     await kit.air.until(lambda: len({one.sender for one in kit.connects(mark)}) >= 2, PATIENCE_S + LOST_S)
     tried = len({one.sender for one in kit.connects(mark)})
     expect(tried >= 2, f"after DISCONNECT, and CONNACK with 0x87: {tried} connections")
-    expect(kit.subject.exit_code is None, f"after CONNACK with 0x87 it ended with {kit.subject.exit_code}")
+    expect(kit.subject.exit_code is None, f"after CONNACK with 0x87 it ended with {kit.subject.ending}")
     await kit.calm()
     await kit.greeted(len(kit.air.came), PATIENCE_S + LOST_S)
     return f"refused {tried} times with 0x87, then served, in session {kit.session}"

@@ -96,11 +96,10 @@ class UavKit:
             alive = [heard for heard in found if shapes.read("presence", heard.payload)["up"]]
             return alive[-1] if alive else None
 
-        found = await self.tap.until(lambda: born() or self.subject.exit_code is not None, BIRTH_S)
+        await self.tap.until(lambda: born() or self.subject.exit_code is not None, BIRTH_S)
         birth = born()
-        why = f"it ended with exit code {self.subject.exit_code}" if found else f"{BIRTH_S:g} s of heartbeats went by"
         if birth is None:
-            raise Broken(f"no birth on {topic}: {why}")
+            raise Broken(f"no birth on {topic}: {self.subject.why_silent(f'{BIRTH_S:g} s of heartbeats')}")
         self.births.append(birth)
         self.session = shapes.read("presence", birth.payload)["session"]
         self.remote = RemoteClock(self.session)

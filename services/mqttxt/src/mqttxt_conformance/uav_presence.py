@@ -143,7 +143,7 @@ async def stops_when_refused(kit: UavKit) -> str:
     kit.lease(bound=False)
     code = await kit.subject.ended(PATIENCE_S)
     expect(code is not None, f"goes on {PATIENCE_S:g} s after it was told that it is refused")
-    return f"ended with exit code {code}"
+    return f"ended with {kit.subject.ending}"
 
 
 @rule("uav", "R5.7")
@@ -159,5 +159,5 @@ async def does_not_start_at_another_system(kit: UavKit) -> str:
     expect(not births, f"the autopilot's system id is {kit.autopilot.system}: born all the same, {births}")
     flown = kit.autopilot.flights(written)
     expect(not flown, "it wrote commands to another system")
-    how = f"ended with exit code {code}" if code is not None else "not born within 10 s"
+    how = f"ended with {kit.subject.ending}" if code is not None else "not born within 10 s"
     return f"autopilot with system id {kit.autopilot.system}: {how}"

@@ -44,9 +44,9 @@ def test_a_fleet_by_hand_has_nothing_of_the_one_before(tmp_path: Path) -> None:
 
 
 def test_what_is_no_series_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ResultsError, match="nothing: expected a results folder"):
+    with pytest.raises(UserError, match="nothing: expected a results folder"):
         open_series(tmp_path / "nothing")
-    with pytest.raises(ResultsError, match="expected a series, with <protocol>/attempt-NN in it"):
+    with pytest.raises(UserError, match="expected a series, with <protocol>/attempt-NN in it"):
         open_series(tmp_path)
 
 

@@ -5,12 +5,13 @@ What a station needs is imported by what runs: help needs none of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from typer.core import TyperGroup
 
-from ..errors import FogUnreachable
+from ..errors import ConfigurationError, FogUnreachable
 
 if TYPE_CHECKING:
     from ..station.fleets import Fleets
@@ -57,6 +58,18 @@ async def connect(station: GroundStation | Fleets, fogs: Mapping[str, list[int]]
         if "--signed" in str(error):
             raise
         raise FogUnreachable(f"{error}; expected --cloud (or MQTTXT_CLOUD) and --fog of a running fleet") from None
+
+
+@contextlib.contextmanager
+def take_over_advised() -> Iterator[None]:
+    """The error of a drone that another station controls names the option that takes control from it."""
+    from ..station.views.drone import NotInControl
+
+    try:
+        yield
+    except NotInControl as error:
+        advice = "; expected --take-over" if error.holder is not None else ""
+        raise ConfigurationError(f"{error}{advice}") from None
 
 
 def not_there(fog: Fog, drone: int) -> str | None:

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from ..core.address import is_host, whole_number
+from ..core.address import BrokerAddress, is_host, whole_number
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_FOG, check_prefix
-from .common import errors_as_lines
+from .common import errors_as_lines, numbers_of
 
 
 class BrokerKind(StrEnum):
@@ -50,11 +50,10 @@ def broker(
     """
     from ..security import rabbitmq
     from ..security.broker import BrokerFiles
-    from ..security.rights import parse_numbers
 
     with errors_as_lines():
         host, port = address_of(listen, "--listen")
-        sharing = parse_numbers(fogs, MAX_FOG, "--fogs") if fogs else frozenset()
+        sharing = numbers_of(fogs, MAX_FOG, "--fogs") if fogs else frozenset()
         files = BrokerFiles(identity, check_prefix(prefix), fogs=sharing, air=air_sn)
         if files.place.kind != kind:
             raise ConfigurationError(
@@ -71,6 +70,14 @@ def broker(
         if server is Server.RABBITMQ and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--server {server}: expected at the cloud broker alone")
         typer.echo(rabbitmq.write(files, out) if server is Server.RABBITMQ else files.write(out, host, port))
+
+
+def broker_address(url: str, option: str, datagrams: bool = False) -> BrokerAddress:
+    """Where a broker is, of an option; raises ConfigurationError."""
+    try:
+        return BrokerAddress.parse(url, option, datagrams)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}, with a port from 1 to 65535") from None
 
 
 def address_of(text: str, option: str) -> tuple[str, int]:

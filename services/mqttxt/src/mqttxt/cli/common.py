@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
+import re
 import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
@@ -42,6 +43,8 @@ SignedStates = Annotated[bool, typer.Option("--signed-states", help=SIGNED_STATE
 SignedReadings = Annotated[bool, typer.Option("--signed-readings", help=SIGNED_READINGS_HELP)]
 Insecure = Annotated[bool, typer.Option("--insecure", help=INSECURE_HELP)]
 
+_RANGE = re.compile("([0-9]{1,9})-([0-9]{1,9})")
+
 AuditPath = Annotated[
     Path | None,
     typer.Option("--audit", help="File for the audit log: who commanded what, with which last word; without: none."),
@@ -64,6 +67,37 @@ def errors_as_lines() -> Iterator[None]:
         for line in error.lines:
             typer.echo(printable(f"mqttxt: {line}"), err=True)
         raise typer.Exit(error.exit_code) from None
+
+
+@contextlib.contextmanager
+def named(option: str) -> Iterator[None]:
+    """An error of what an option has given begins with the option."""
+    try:
+        yield
+    except ConfigurationError as error:
+        text = str(error).removeprefix(f"{option} ").removeprefix(f"{option.removeprefix('--')} ")
+        raise ConfigurationError(f"{option} {text}") from None
+
+
+@contextlib.contextmanager
+def readable_expected() -> Iterator[None]:
+    """The error of a file that cannot be read says what was expected."""
+    try:
+        yield
+    except ConfigurationError as error:
+        if isinstance(error.__cause__, OSError):
+            raise ConfigurationError(f"{error}; expected a file that can be read") from error.__cause__
+        raise
+
+
+def numbers_of(text: str, most: int, what: str) -> frozenset[int]:
+    """Whole numbers from 1 to `most` as `1-3,7`; raises ConfigurationError with `what` in front."""
+    from ..security.rights import parse_numbers
+
+    for first, last in _RANGE.findall(text):
+        if int(first) > int(last):
+            raise ConfigurationError(f"{what}: {text[:80]!r}: {first}-{last} is reversed; expected {last}-{first}")
+    return parse_numbers(text, most, what)
 
 
 class _Lines(logging.Formatter):

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..core.address import BrokerAddress
-from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_prefix, check_root
-from .broker import address_of
+from .broker import address_of, broker_address
 from .common import run_coroutine
+from .node_options import autopilot_address
 
 if TYPE_CHECKING:
     from mqttxt_conformance.registry import Finding
@@ -90,14 +90,12 @@ def uav(
     from mqttxt_conformance.uav import UavTarget, check_uav
     from mqttxt_conformance.uav_air import check_uav_air
 
-    from ..drone.mavlink.transports import AutopilotAddress
-
     async def job() -> int:
-        where = AutopilotAddress.parse(autopilot)
+        where = autopilot_address(autopilot)
         if where.kind != "udp":
             raise ConfigurationError(f"--autopilot {autopilot!r}: expected udp:HOST:PORT")
         number, root = check_number("--drone", drone, MAX_DRONE), check_root(fog_root)
-        address = BrokerAddress.parse(broker, "--broker", datagrams=True)
+        address = broker_address(broker, "--broker", datagrams=True)
         if address.datagrams and (fleet or signed or second_broker):
             raise ConfigurationError(
                 f"--broker {address}: expected neither --fleet, --signed nor --second-broker beside it"
@@ -144,12 +142,12 @@ def activator(
 
     async def job() -> int:
         number, root = check_number("--fog", fog), check_root(fog_root)
-        cloud_address = BrokerAddress.parse(broker, "--broker")
+        cloud_address = broker_address(broker, "--broker")
         folder = _folder(fleet, signed, cloud_address, signed_readings)
         if folder is not None and not folder.signed:
             raise ConfigurationError(f"--fleet {fleet}: expected --signed beside it")
-        fog_address = BrokerAddress.parse(fog_broker, "--fog-broker")
-        second = BrokerAddress.parse(second_fog_broker, "--second-fog-broker") if second_fog_broker else None
+        fog_address = broker_address(fog_broker, "--fog-broker")
+        second = broker_address(second_fog_broker, "--second-fog-broker") if second_fog_broker else None
         if second is not None and (folder is not None or second == fog_address):
             raise ConfigurationError(f"--second-fog-broker {second}: expected another broker, and no --fleet beside it")
         target = ActivatorTarget(number, check_prefix(prefix), root, run, log, folder, second)
@@ -189,11 +187,12 @@ def gs(
     """
     from mqttxt_conformance.gs import GsTarget, check_gs
 
+    from .parameters import check_times
+
     async def job() -> int:
         numbers = check_number("--fog", fog), check_number("--drone", drone, MAX_DRONE)
-        if not 0 < ttl <= MAX_TTL_MS / 1000:
-            raise ConfigurationError(f"--ttl {ttl:g}: expected more than 0 and at most {MAX_TTL_MS // 1000} s")
-        address = BrokerAddress.parse(broker, "--broker")
+        check_times(ttl)
+        address = broker_address(broker, "--broker")
         folder = _folder(fleet, signed, address, signed_readings)
         target = GsTarget(*numbers, check_prefix(prefix), ttl, run, log, folder)
         if run is None:
@@ -242,7 +241,7 @@ def _second(url: str | None, first: BrokerAddress) -> BrokerAddress | None:
     """The second broker; the kit relays to both, which it can on this machine alone. Raises ConfigurationError."""
     if url is None:
         return None
-    second = BrokerAddress.parse(url, "--second-broker")
+    second = broker_address(url, "--second-broker")
     if not (second.is_loopback and first.is_loopback):
         raise ConfigurationError(f"--second-broker {second}: expected two brokers on this machine, as mqtt://127.0.0.1")
     if second.tls != first.tls or (second.host, second.port) == (first.host, first.port):

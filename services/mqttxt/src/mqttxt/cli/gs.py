@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..core.address import BrokerAddress
 from ..core.settings import CONNECT_S
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
 from ..protocol.names import check_prefix, check_root
 from ..protocol.topics import SELECTABLE
 from .advice import GroundStationCommands, connect, line_of, not_there
-from .broker import address_of
+from .broker import address_of, broker_address
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
 from .station import IDENTITY, Cloud, FogNumbers, Prefix, StationOptions, Timeout, of_a_station
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from ..station.outcomes import Outcome, Outcomes
 
 PARAMETERS = (
-    "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
+    "takeoff: [ALTITUDE], 10 m without; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
     "offboard: SECONDS velocity NORTH EAST DOWN [YAW], or SECONDS attitude ROLL PITCH YAW THRUST; "
     "stream: STATE HERTZ; upload_plan: HASH; start_mission, set_current_item: HASH ITEM; resume: HASH; "
     "set_parameter: NAME VALUE; "
@@ -79,7 +78,7 @@ def share_list(
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        options = StationOptions(cloud, str(identity))
+        options = StationOptions(cloud, str(identity), timeout=timeout)
         async with options.station(check_prefix(prefix).removesuffix("/"), control=False) as station:
             number = await station.share_list(timeout)
         typer.echo(f"{cloud} has revocation list {number}")
@@ -116,9 +115,11 @@ def send(
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        from .parameters import parse_command
+        from .parameters import check_times, parse_command, refuse_options
 
+        refuse_options([command, *(parameters or [])])
         wanted = parse_command(command, parameters or [])
+        check_times(ttl, limit)
         names, number = fog or ["1"], None
         if drones is not None and len(drones) > 1:
             raise ConfigurationError(f"--drone {' '.join(drones)}: expected one, or none for the whole fog")
@@ -182,7 +183,7 @@ def mavlink(
     """Show the drones as MAVLink vehicles to QGroundControl, MAVSDK and MAVProxy, until Ctrl-C."""
     from ..gateway.endpoints import ClientAddress
     from ..gateway.process import Gateway
-    from ..station.commands import ttl_ms_of
+    from .parameters import check_times
 
     set_up_logging(verbose=False)
 
@@ -191,7 +192,7 @@ def mavlink(
         servers = [ClientAddress.parse(text, "tcp", "--listen", insecure_mavlink) for text in listen or ()]
         if not targets and not servers:
             raise ConfigurationError("expected --to udp:HOST:PORT or --listen tcp:HOST:PORT, or both")
-        ttl_ms_of(ttl)
+        check_times(ttl)
         fogs_of = options.fogs_of(fog)
         if len(fogs_of) > 1:
             raise ConfigurationError(
@@ -258,7 +259,7 @@ def homeassistant(
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        parsed = BrokerAddress.parse(broker, "--broker")
+        parsed = broker_address(broker, "--broker")
         if not (parsed.tls or parsed.is_loopback or insecure_broker):
             raise ConfigurationError(f"--broker {parsed}: not encrypted; expected mqtts://, or --insecure-broker")
         fogs_of = options.fogs_of(fog)

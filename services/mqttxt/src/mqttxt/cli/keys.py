@@ -11,7 +11,7 @@ import typer
 
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, MAX_FOG, MAX_SENSOR
-from .common import errors_as_lines
+from .common import errors_as_lines, numbers_of
 
 if TYPE_CHECKING:
     from ..security.authority import Authority
@@ -77,8 +77,8 @@ def init(
     from ..security.rights import Rights
 
     with errors_as_lines():
-        fog_names = _names(Node.FOG, fogs) if fogs else []
-        drone_names = _names(Node.DRONE, drones) if drones else []
+        fog_names = _names(Node.FOG, fogs, "--fogs") if fogs else []
+        drone_names = _names(Node.DRONE, drones, "--drones") if drones else []
         station_names = _names(Node.STATION, station) if station is not None else []
         authority = Authority.create(folder or Path(fleet), fleet)
         brokers = ["broker-cloud", *(f"broker-{name}" for name in fog_names)]
@@ -204,17 +204,16 @@ def _authority(fleet: Path | None) -> Authority:
     return Authority.load(found[0])
 
 
-def _names(kind: Node, text: str) -> list[str]:
+def _names(kind: Node, text: str, option: str | None = None) -> list[str]:
     """The names of nodes as their certificates have them; raises ConfigurationError."""
     from ..security.names import NodeName
-    from ..security.rights import parse_numbers
 
     if kind is Node.STATION:
         return [str(NodeName.parse(f"gs-{text}"))]
     if kind is Node.BROKER:
         return [_broker(text)]
     most = {Node.DRONE: MAX_DRONE, Node.SENSOR: MAX_SENSOR, Node.FOG: MAX_FOG}[kind]
-    return [f"{kind}{number}" for number in sorted(parse_numbers(text, most, kind))]
+    return [f"{kind}{number}" for number in sorted(numbers_of(text, most, option or kind))]
 
 
 def _broker(text: str) -> str:
@@ -227,7 +226,7 @@ def _broker(text: str) -> str:
 
 
 def _rights(kind: Node, may: list[May], drones: str) -> Rights:
-    from ..security.rights import EVERY, Rights, parse_numbers
+    from ..security.rights import EVERY, Rights
 
     if kind is not Node.STATION:
         if may or drones:
@@ -240,9 +239,7 @@ def _rights(kind: Node, may: list[May], drones: str) -> Rights:
     for beside in (May.UPLOAD_PLAN, May.SET_PARAMETERS):
         if beside in may and May.COMMAND not in may:
             raise ConfigurationError(f"--may {beside}: expected --may command beside it, for the same drones")
-    command = (
-        frozenset[int]() if not drones else None if drones == EVERY else parse_numbers(drones, MAX_DRONE, "--drones")
-    )
+    command = frozenset[int]() if not drones else None if drones == EVERY else numbers_of(drones, MAX_DRONE, "--drones")
     return Rights(command, May.TAKE_OVER in may, May.OBSERVE in may, May.UPLOAD_PLAN in may, May.SET_PARAMETERS in may)
 
 

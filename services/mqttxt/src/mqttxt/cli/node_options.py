@@ -9,11 +9,13 @@ import typer
 
 from ..core.address import BrokerAddress
 from ..errors import ConfigurationError
-from .broker import address_of
+from .broker import address_of, broker_address
+from .common import named
 
 if TYPE_CHECKING:
     from ..core.embedded_broker import EmbeddedBroker
     from ..core.transport import Transport
+    from ..drone.mavlink.transports import AutopilotAddress
 
 Qos = Annotated[int, typer.Option(help="QoS of commands and results: 0 or 1.")]
 Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")]
@@ -26,6 +28,14 @@ BrokerIdentity = Annotated[
     Path | None,
     typer.Option(help="The folder of the embedded broker's identity; without: broker-NODE beside the node's."),
 ]
+
+
+def autopilot_address(text: str) -> AutopilotAddress:
+    """Where the autopilot is, of `--autopilot`; raises ConfigurationError."""
+    from ..drone.mavlink.transports import AutopilotAddress
+
+    with named("--autopilot"):
+        return AutopilotAddress.parse(text)
 
 
 def embedded_broker(
@@ -65,7 +75,7 @@ def second_address(url: str | None, option: str, transport: Transport, *others: 
     """The second of a fog's brokers, None where none was given; raises ConfigurationError."""
     if url is None:
         return None
-    address = transport.check(BrokerAddress.parse(url, option), option)
+    address = transport.check(broker_address(url, option), option)
     if any((address.host, address.port) == (other.host, other.port) for other in others):
         raise ConfigurationError(f"{option} {address}: is another option's address too; expected one of its own")
     return address

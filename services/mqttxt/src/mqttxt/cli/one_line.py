@@ -45,6 +45,8 @@ def _line_of(error: Any) -> str:
     parameter = getattr(error, "param", None)
     if "requires an argument" in message:
         return f"{where}{error.option_name}: expected a value behind it"
+    if message.startswith("No such command") and "expected" not in message:
+        message = f"{message.partition('. ')[0].removesuffix('.')}; expected {_commands(error.ctx)}"
     if parameter is None:
         return f"{where}{message[:1].lower()}{message[1:].removesuffix('.')}"
     name = max(parameter.opts, key=len) if parameter.param_type_name == "option" else parameter.name.upper()
@@ -57,6 +59,12 @@ def _line_of(error: Any) -> str:
     if wrong := _NOT_ONE_OF.search(said):
         return f"{typed}: expected one of {wrong[1].replace(chr(39), '').removesuffix('.')}"
     return f"{typed}: {said.removesuffix('.')}"
+
+
+def _commands(context: Any) -> str:
+    """The commands that there are, in the order of the help."""
+    names = [name for name in context.command.list_commands(context) if not context.command.commands[name].hidden]
+    return f"one of {', '.join(names)}" if len(names) > 1 else names[0]
 
 
 def _where(context: Any) -> str:

@@ -7,12 +7,17 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.codec import layout_of
 from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
 from ..protocol.fields import Binary, Finite, Integer, Scaled, Text
+from ..protocol.messages import Limit
+from ..protocol.values import mark_of
 
 _NOT_SET = ("-", "nan")
+_OPTION = re.compile("--[a-zA-Z]")
+_LIMIT: Scaled = mark_of(Limit)
 _MAV_CMD = Integer(0, 2**16 - 1)
 _LARGEST = 3.4028234663852886e38
 """Of a MAV_CMD's parameters: MAVLink's floats have 32 bits."""
@@ -28,6 +33,22 @@ def parse_command(name: str, parameters: list[str]) -> Command:
     special: dict[type[Any], Callable[[list[str]], Command]] = {Offboard: _offboard, Mavlink: _mavlink}
     found: Command = special[cls](parameters) if cls in special else _fields(name, cls, parameters)
     return found
+
+
+def refuse_options(typed: list[str]) -> None:
+    """Raises ConfigurationError for a word that can only be meant as an option: those that exist were taken before."""
+    for word in typed:
+        if _OPTION.match(word):
+            raise ConfigurationError(f"gs send: no such option: {word.partition('=')[0]}")
+
+
+def check_times(ttl_s: float, limit_s: float | None = None) -> None:
+    """Raises ConfigurationError for a `--ttl` or a `--limit` that no command can have."""
+    most_s = MAX_TTL_MS // 1000
+    if not 0 < ttl_s <= most_s:
+        raise ConfigurationError(f"--ttl {ttl_s:g}: expected more than 0 and at most {most_s} s")
+    if limit_s is not None and not _LIMIT.low <= limit_s <= _LIMIT.high:
+        raise ConfigurationError(f"--limit {limit_s:g}: expected {_LIMIT.low:g} to {_LIMIT.high:.0f} s")
 
 
 def _offboard(parameters: list[str]) -> Offboard:

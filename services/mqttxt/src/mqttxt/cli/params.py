@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import ConfigurationError, PayloadError
+from .common import readable_expected
 from .station import Job, with_a_drone
 
 if TYPE_CHECKING:
@@ -180,7 +181,8 @@ async def _fetched(there: Drone) -> Parameters:
 def _loaded(path: Path) -> Parameters:
     from ..station.parameters import Parameters
 
-    return Parameters.load(path)
+    with readable_expected():
+        return Parameters.load(path)
 
 
 def _number(name: str, text: str) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .advice import connect, line_of
-from .common import run_coroutine, set_up_logging
+from .common import readable_expected, run_coroutine, set_up_logging
 from .station import DroneNumber, FogNumber, Job, StationOptions, of_a_station, with_a_drone
 
 if TYPE_CHECKING:
@@ -110,7 +110,8 @@ def watch(
 def _loaded(path: Path) -> Plan:
     from ..station.plan import Plan
 
-    return Plan.load(path)
+    with readable_expected():
+        return Plan.load(path)
 
 
 async def _followed(sent: SentCommand[Outcome, Outcome]) -> int:

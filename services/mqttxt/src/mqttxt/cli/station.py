@@ -8,6 +8,7 @@ import inspect
 import secrets
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
@@ -15,7 +16,8 @@ import typer
 from ..core.settings import CONNECT_S, Settings
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, MAX_FOG, check_prefix, parse_in_fleet
-from .advice import connect
+from .advice import connect, take_over_advised
+from .broker import broker_address
 from .common import (
     INSECURE_HELP,
     SIGNED_HELP,
@@ -29,6 +31,7 @@ from .common import (
 if TYPE_CHECKING:
     from ..station.fleets import Fleets
     from ..station.ground_station import GroundStation
+    from ..station.views import Drone
 
 EACH = "FLEET=VALUE,FLEET=VALUE gives each fleet its own."
 Cloud = Annotated[str, typer.Option(help=f"The cloud broker: mqtt://HOST[:PORT]. {EACH}", envvar="MQTTXT_CLOUD")]
@@ -108,8 +111,10 @@ class StationOptions:
 
         chosen = settings or Settings()
         identity = _of_fleet("--identity", self.identity, fleet) if self.identity is not None else None
-        return GroundStation(
-            _of_fleet("--cloud", self.cloud, fleet),
+        cloud = _of_fleet("--cloud", self.cloud, fleet)
+        _check_cloud(cloud, identity, self.insecure)
+        found = GroundStation(
+            cloud,
             name=name,
             qos=chosen.qos,
             encoding=chosen.encoding,
@@ -122,6 +127,9 @@ class StationOptions:
             signed_readings=self.signed_readings,
             insecure=self.insecure,
         )
+        if not self.timeout > 0:
+            raise ConfigurationError(f"--timeout {self.timeout:g}: expected more than 0 s")
+        return found
 
 
 @dataclass(frozen=True)
@@ -164,10 +172,31 @@ def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> No
             if which.take_over:
                 await there.take_over(options.timeout)
             with contextlib.suppress(TimeoutError):  # who controls it instead is in the word, or in the error
-                await station.wait_until(lambda: there.is_controlled, options.timeout)
-            return await job(there)
+                await station.wait_until(
+                    lambda: there.is_controlled or _is_held_by_another(there, station.name), options.timeout
+                )
+            with take_over_advised():
+                return await job(there)
 
     run_coroutine(with_drone())
+
+
+def _is_held_by_another(there: Drone, own: str) -> bool:
+    """Whether a live fog names another station in control. Where it names nobody, this one may get control yet."""
+    return there.is_reachable and there.holder not in (None, own)
+
+
+def _check_cloud(url: str, identity: str | None, insecure: bool) -> None:
+    """Raises ConfigurationError, which names `--cloud`, for an address that the station would not connect to."""
+    from ..core.transport import Transport
+
+    address = broker_address(url, "--cloud")
+    if identity is None:
+        Transport(insecure=insecure).check(address, "--cloud")
+    elif not address.tls:
+        from ..security.identity import Identity
+
+        Transport(Identity.load(Path(identity)), insecure).check(address, "--cloud")
 
 
 def _of_fleet(option: str, text: str, fleet: str) -> str:

@@ -14,6 +14,7 @@ from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_root
 from ..protocol.topics import FogSide
+from .broker import broker_address
 from .common import (
     AuditPath,
     AuditRequired,
@@ -24,11 +25,21 @@ from .common import (
     SignedStates,
     audit_log,
     check_system,
+    named,
     run_role,
     set_up_logging,
     settings,
 )
-from .node_options import BrokerIdentity, Json, Qos, Ready, Verbose, embedded_broker, second_address
+from .node_options import (
+    BrokerIdentity,
+    Json,
+    Qos,
+    Ready,
+    Verbose,
+    autopilot_address,
+    embedded_broker,
+    second_address,
+)
 
 if TYPE_CHECKING:
     from ..core.transport import Transport
@@ -117,12 +128,10 @@ def uav(
     """Run a drone's UAV client: the interpreter between its autopilot and MQTT."""
     check_system("uav")
     from ..core.transport import Transport
-    from ..drone import parameter_ranges as ranges
     from ..drone.journal import JournalFile
     from ..drone.logs.files import LogFiles
     from ..drone.mavlink.raw import Limits
     from ..drone.mavlink.signing import Signing
-    from ..drone.mavlink.transports import AutopilotAddress
     from ..drone.options import UavOptions
     from ..drone.parameter_file import ParameterFile
     from ..drone.process import UavRunner
@@ -141,13 +150,13 @@ def uav(
         if logs_limit_mb < 1:
             raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
         transport = Transport.of(identity, insecure, f"drone{number}")
-        first = transport.check(BrokerAddress.parse(broker, "--broker", datagrams=True), "--broker", signed)
+        first = transport.check(broker_address(broker, "--broker", datagrams=True), "--broker", signed)
         second = second_address(second_broker, "--second-broker", transport, first)
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(
             number,
             first,
-            AutopilotAddress.parse(autopilot),
+            autopilot_address(autopilot),
             JournalFile(journal_file, with_front=True),
             settings(qos, json, bundles),
             second=second,
@@ -158,7 +167,7 @@ def uav(
                 Limits(
                     *(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ())),
                     frozenset(allow_parameter or ()),
-                    ranges.load(parameter_ranges) if parameter_ranges is not None else {},
+                    _ranges(parameter_ranges) if parameter_ranges is not None else {},
                 ),
                 carries_sensors=carried is not None,
                 all_states=all_states,
@@ -186,6 +195,13 @@ def _own_fog(fog: int | None, signed: bool) -> int:
     return check_number("--fog", fog) if fog is not None else 0
 
 
+def _ranges(path: Path) -> dict[str, tuple[float, float]]:
+    from ..drone import parameter_ranges
+
+    with named("--parameter-ranges"):
+        return parameter_ranges.load(path)
+
+
 def sensor_options(
     listen: str | None,
     elsewhere: str | None,
@@ -204,7 +220,7 @@ def sensor_options(
     if broker_identity is not None and listen is None:
         raise ConfigurationError(f"--broker-identity {broker_identity}: expected --sensors beside it")
     if elsewhere is not None:
-        address = BrokerAddress.parse(elsewhere, "--sensor-broker")
+        address = broker_address(elsewhere, "--sensor-broker")
         return SensorOptions(transport.check(address, "--sensor-broker"), store, limit)
     if listen is None:
         return None

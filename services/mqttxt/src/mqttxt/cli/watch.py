@@ -107,13 +107,18 @@ def _cells(drone: Drone) -> list[str]:
         _armed(drone),
         mode.state.mode.label if mode else "-",
         landed.state.landed.label.replace("_", " ") if landed else "-",
-        f"{place.state.latitude_deg:.5f} {place.state.longitude_deg:.5f}" if place else "-",
-        f"{place.state.altitude_m:.1f}" if place else "-",
+        f"{_fixed(place.state.latitude_deg, 5)} {_fixed(place.state.longitude_deg, 5)}" if place else "-",
+        _fixed(place.state.altitude_m, 1) if place else "-",
         f"{speed.state.groundspeed_m_s:.1f}" if speed else "-",
-        f"{heading.state.heading_deg:.0f}" if heading else "-",
+        f"{round(heading.state.heading_deg) % 360}" if heading else "-",
         f"{battery.state.remaining_pct} %" if battery else "-",
         _age(drone),
     ]
+
+
+def _fixed(value: float, digits: int) -> str:
+    """A number with so many digits behind the point; what is nothing by then has no sign."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def _armed(drone: Drone) -> str:

@@ -60,15 +60,17 @@ class AuditLog:
         self._next_sync_s = self._next_sign_s = 0.0
         self._is_signed = True
         if path.suffix[1:].isdecimal():
-            raise ConfigurationError(f"audit log {path}: expected no .NUMBER at its end, as older files have")
+            raise ConfigurationError(f"--audit {path}: expected no .NUMBER at its end, as older files have")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file.open(self._now_s())
         except BlockingIOError:
-            raise ConfigurationError(f"audit log {path}: another process has it; expected one for each role") from None
+            raise ConfigurationError(f"--audit {path}: another process has it; expected one for each role") from None
         except OSError as error:
             if not is_fault(error):
-                raise ConfigurationError(f"audit log {path}: cannot be written: {error.strerror}") from error
+                raise ConfigurationError(
+                    f"--audit {path}: cannot be written: {error.strerror}; expected a file"
+                ) from error
             self._fail(error)
         if self._seal is None:
             logger.warning("audit log %s: not signed without --identity: who can write the file can change it", path)

@@ -76,6 +76,8 @@ class JournalFile:
         self._lines = 0
         self._is_failing = False
         try:
+            if path.is_dir():
+                raise ConfigurationError(f"--journal {path}: is a folder; expected a file")
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = _lock(path)
             if path.exists():
@@ -84,7 +86,9 @@ class JournalFile:
         except OSError as error:
             self._drop_front()
             if not is_fault(error):
-                raise ConfigurationError(f"journal {path}: cannot be written: {error.strerror}") from error
+                raise ConfigurationError(
+                    f"--journal {path}: cannot be written: {error.strerror}; expected a file"
+                ) from error
             self._failed(error)
         except ConfigurationError:
             self._drop_front()
@@ -283,7 +287,9 @@ def _lock(path: Path) -> int | None:
         os.close(file)
         if error.errno != errno.EWOULDBLOCK:
             return None
-        raise ConfigurationError(f"journal {path}: another process has it; expected one for each UAV client") from None
+        raise ConfigurationError(
+            f"--journal {path}: another process has it; expected one for each UAV client"
+        ) from None
     return file
 
 

@@ -10,7 +10,7 @@ from ..station.views import Drone, Fog
 from .event_log import as_plain
 
 STALE_MS = 45_000
-"""An older value looks stale: it should have come again (R3.2), and no choice goes by it (R7.3)."""
+"""An older value looks stale: it should have come again (R3.5), and no choice goes by it (R7.3)."""
 _LEFT_OUT = AutopilotText.name
 
 

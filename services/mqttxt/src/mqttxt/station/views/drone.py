@@ -36,6 +36,14 @@ AVitalState = TypeVar("AVitalState", bound=VitalState)
 AnObject = TypeVar("AnObject")
 
 
+class NotInControl(ConfigurationError):
+    """This station does not control the drone; `holder` is the name of the one that does, None where nobody does."""
+
+    def __init__(self, drone: str, holder: str | None) -> None:
+        super().__init__(f"drone {drone}: expected this station in control, not {holder or 'nobody'}")
+        self.holder = holder
+
+
 @dataclass(frozen=True)
 class KnownState(Generic[AState]):
     """A state as it was last heard.
@@ -305,7 +313,7 @@ class Drone(DroneCommands):
 
     def _check_control(self) -> None:
         if not self.is_controlled:
-            raise ConfigurationError(f"drone {self}: expected this station in control, not {self.holder or 'nobody'}")
+            raise NotInControl(str(self), self.holder)
 
 
 def _telling(staging: Staging, size: int, progress: Callable[[int, int], None] | None) -> Callable[[], Awaitable[None]]:

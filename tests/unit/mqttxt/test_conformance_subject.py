@@ -1,0 +1,67 @@
+"""The program under test: how it ended is said with the last line of its stderr."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+from mqttxt_conformance.subject import Subject
+
+SAYS = "import sys; print('starting', file=sys.stderr); print('mqttxt: --drone 0: expected 1', file=sys.stderr)"
+
+
+def subject(program: str, log: Path | None = None) -> Subject:
+    return Subject(shlex.join([sys.executable, "-c", program.replace("{", "{{")]), {}, log)
+
+
+@pytest.mark.parametrize("is_logged", [True, False])
+async def test_how_it_ended_is_said_with_its_last_line(is_logged: bool, tmp_path: Path) -> None:
+    log = tmp_path / "log" if is_logged else None
+    if log is not None:
+        log.write_text("of another run\n")
+    found = subject(f"{SAYS}; sys.exit(2)", log)
+    await found.start()
+    assert await found.ended() == 2
+    said = "it ended with exit code 2: mqttxt: --drone 0: expected 1"
+    assert found.why_silent("30 s") == said
+    if log is not None:
+        assert log.read_text().splitlines() == ["of another run", "starting", "mqttxt: --drone 0: expected 1"]
+
+
+@pytest.mark.parametrize("is_logged", [True, False])
+async def test_what_an_earlier_start_said_is_not_said_again(is_logged: bool, tmp_path: Path) -> None:
+    """It ends in silence where a file is, and makes that file the first time."""
+    flag = tmp_path / "flag"
+    program = f"import pathlib, sys; f = pathlib.Path({str(flag)!r})\nif f.exists(): sys.exit(3)\nf.touch(); {SAYS}"
+    found = subject(program, tmp_path / "log" if is_logged else None)
+    for said in ("exit code 0: mqttxt: --drone 0: expected 1", "exit code 3"):
+        await found.start()
+        await found.ended()
+        assert found.ending == said
+
+
+async def test_a_last_line_is_printable_and_bounded() -> None:
+    found = subject(r"import sys; sys.stderr.write('\x1b[2J' + 1000 * 'x' + '\n\n')")
+    await found.start()
+    await found.ended()
+    assert found.ending.startswith(r"exit code 0: \x1b[2Jxxx")
+    assert len(found.ending) < 400
+
+
+async def test_one_that_goes_on_is_waited_for() -> None:
+    found = subject("import time; time.sleep(60)")
+    await found.start()
+    try:
+        assert found.why_silent("30 s") == "30 s went by"
+    finally:
+        await found.kill()
+
+
+async def test_a_log_may_be_no_file() -> None:
+    found = subject(SAYS, Path("/dev/null"))
+    await found.start()
+    await found.ended()
+    assert found.ending == "exit code 0"
