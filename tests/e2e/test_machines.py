@@ -95,7 +95,7 @@ def test_ctrl_c_in_flight_leaves_nothing(machines: Machines, tmp_path: Path) -> 
     run.interrupt()
     assert run.wait() == 130
     assert [_left(machine) for machine in machines.all] == [NOTHING] * 3
-    (series,) = run.results.glob("scenario-1/thesis-ideal/*")
+    (series,) = run.results.glob("scenario-1/*-ideal/*")
     (attempt,) = open_series(series).attempts()
     assert attempt.captures() != []
 
