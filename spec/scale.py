@@ -1,7 +1,7 @@
 """What more drones cost, from runs of whole roles: tables for docs/scale.md, and what a picture of them needs.
 
 `python -m spec.scale FILE` writes them between their markers, from the runs that `python -m tests.bench load --write`
-added to `load.json` in the folder beside it, from `prices.yaml` there, and from the bytes per hop in
+added to `load.json` and `cluster.json` in the folder beside it, from `prices.yaml` there, and from the bytes per hop in
 docs/performance.md.
 """
 
@@ -27,6 +27,7 @@ from testbed.plan.documents import ROOT
 from .flights import flights_table, read_flights
 from .tables import filled, table
 
+MOSQUITTO = "mosquitto"
 RUNS = ROOT / "docs" / "scale" / "load.json"
 ROLES = {"activators": "activators", "broker": "broker", "station": "station"}
 SHOWN = {"drones": "UAV clients", **ROLES}
@@ -122,7 +123,7 @@ def runs_table(runs: Sequence[dict[str, Any]]) -> str:
         memory = ", ".join(f"{first:.0f} and {last:.0f}" for first, last in (run["rss_mb"][role] for role in SHOWN))
         rows.append(
             (
-                f"{run['drones']:,} at {run['fogs']} in {run['fleets']}",
+                f"{run['drones']:,} at {run['fogs']} in {run['fleets']}{_on(run)}",
                 f"{run['seconds']:.0f} s",
                 f"{words:,}: {run['lost']}, {run['late']}, {run['doubled']}",
                 ", ".join(f"{count:,} {word}" for word, count in run["words"].items()),
@@ -142,9 +143,17 @@ def runs_table(runs: Sequence[dict[str, Any]]) -> str:
     )
 
 
+def _on(run: dict[str, Any]) -> str:
+    """Where the cloud is not one Mosquitto, as in the first runs, which do not say so."""
+    cloud = run.get("cloud", MOSQUITTO)
+    return "" if cloud == MOSQUITTO else f", {cloud}"
+
+
 def _seconds(value: float | None) -> str:
     """The first runs kept no median."""
-    return "–" if value is None else f"{value:.2f} s"
+    if value is None:
+        return "–"
+    return f"{1000 * value:.0f} ms" if value < 0.1 else f"{value:.2f} s"
 
 
 def costs_table(cost: dict[str, Cost]) -> str:
@@ -218,6 +227,7 @@ def main(*files: str) -> None:
         sections: dict[str, Callable[[], str]] = {
             "flights": partial(flights_table, read_flights(path.with_suffix("") / "flights.json")),
             "load-runs": partial(runs_table, runs),
+            "load-cluster": partial(runs_table, read_runs(path.with_suffix("") / "cluster.json")),
             "load-costs": partial(costs_table, cost),
             "load-needs": partial(needs_table, [needs(drones, cost, apiece) for drones in FLEETS], prices),
             "load-prices": partial(prices_list, prices),

@@ -9,6 +9,8 @@ import argparse
 import importlib
 from pathlib import Path
 
+from tests.bench.clouds import CLOUDS
+
 FIGURES = (
     "activator",
     "uav_client",
@@ -31,16 +33,17 @@ FIGURES = (
 """Modules of this folder; each has `measure`, which returns lines of text."""
 
 
-LOAD = {"fogs": int, "drones": int, "minutes": float, "every_s": float, "fleets": int, "write": Path}
+LOAD = {"fogs": int, "drones": int, "minutes": float, "every_s": float, "fleets": int, "write": Path, "cloud": str}
 """What may be said of the load: fogs, drones at each, how long it lasts, how often each drone has a command, how many
-fleets there are at least, and a file that gets the figures."""
+fleets there are at least, a file that gets the figures, and the cloud."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench")
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(FIGURES))
     for option, kind in LOAD.items():
-        parser.add_argument(f"--{option.replace('_', '-')}", type=kind, help="of `load`")
+        choices = CLOUDS if option == "cloud" else None
+        parser.add_argument(f"--{option.replace('_', '-')}", type=kind, choices=choices, help="of `load`")
     given = vars(parser.parse_args())
     names = given.pop("names") or FIGURES
     if unknown := [name for name in names if name not in FIGURES]:

@@ -1,4 +1,4 @@
-"""A load of whole roles: fogs of drones at one Mosquitto, five states a second of each in bundles, and commands to all.
+"""A load of whole roles: fogs of drones at one cloud, five states a second of each in bundles, and commands to all.
 
 Every drone is a real UAV client with a connection of its own, on a light autopilot (`load_drones`); every fog has its
 activator, a process; one process is the station of all fleets (`load_station`). MAVLink has 250 ids, so that more
@@ -23,7 +23,8 @@ from statistics import median
 from typing import Any
 
 from mqttxt.protocol.names import MAX_DRONE
-from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
+from tests.bench.brokers import cpu_s, rss_mb
+from tests.bench.clouds import CLOUDS, MOSQUITTO, STATION, Cloud, Plan
 from tests.bench.load_station import LAST_WORDS_S, REACHABLE_S, TTL_S
 from tests.rigs.processes import Process, eventually
 
@@ -41,8 +42,7 @@ class Fogs:
     drones: int
     fleets: int = 1
 
-    def plan(self) -> list[tuple[str, int, int, int]]:
-        """The prefix, number, first and last drone of each fog."""
+    def plan(self) -> Plan:
         together = min(MAX_DRONE // self.drones, ceil(self.fogs / self.fleets))
         found = []
         for index in range(self.fogs):
@@ -87,15 +87,22 @@ def measure(
     every_s: float = 10.0,
     fleets: int = 1,
     write: Path | None = None,
+    cloud: str = MOSQUITTO,
 ) -> list[str]:
-    """Lines of figures; takes about a minute longer than `minutes`. They are added to the file `write` too."""
+    """Lines of figures; takes about a minute longer than `minutes`. They are added to the file `write` too.
+
+    `cloud` is one of CLOUDS; the cluster's has one fleet.
+    """
     of = Fogs(fogs, drones, fleets)
+    prefixes = {prefix for prefix, *_ in of.plan()}
+    if cloud != MOSQUITTO and len(prefixes) > 1:
+        raise SystemExit(f"--cloud {cloud}: {len(prefixes)} fleets; expected one, of at most {MAX_DRONE} drones")
     with tempfile.TemporaryDirectory() as folder:
-        found = asyncio.run(run(Path(folder), of, 60 * minutes, every_s))
+        found = asyncio.run(run(Path(folder), of, 60 * minutes, every_s, cloud))
     if write is not None:
         runs = json.loads(write.read_text()) if write.exists() else []
-        run_of = {"fogs": fogs, "drones": of.count, "fleets": len({prefix for prefix, *_ in of.plan()})}
-        runs.append(run_of | {"every_s": every_s} | vars(found))
+        run_of = {"fogs": fogs, "drones": of.count, "fleets": len(prefixes)}
+        runs.append(run_of | {"cloud": cloud, "every_s": every_s} | vars(found))
         write.write_text(json.dumps(runs, indent=1) + "\n")
     per_250 = found.shares["activators"] * MAX_DRONE / of.count
     memory = ", ".join(f"{name} {first:.0f} and {last:.0f}" for name, (first, last) in found.rss_mb.items())
@@ -106,42 +113,53 @@ def measure(
         f"{1000 * found.median_s:.0f} ms in the median, {1000 * found.slowest_s:.0f} ms at most; the oldest position "
         f"at the station {found.oldest_s:.1f} s; all drones controlled after {found.start_s:.0f} s",
         f"load: activators take {100 * per_250:.1f} % of a core per {MAX_DRONE} drones, the station "
-        f"{100 * found.shares['station']:.0f} %, Mosquitto {100 * found.shares['broker']:.0f} %, the UAV clients "
+        f"{100 * found.shares['station']:.0f} %, {cloud} {100 * found.shares['broker']:.0f} %, the UAV clients "
         f"{100 * found.shares['drones']:.0f} %; MB after a quarter and at the end: {memory}",
     ]
 
 
-async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float) -> Load:
+async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float, cloud: str = MOSQUITTO) -> Load:
     """Start all, let them run, end them, and compare what was sent with what was carried out."""
     plan = of.plan()
     with ExitStack() as stack:
-        broker = BenchBroker(folder, "cloud")
-        broker.start()
-        stack.callback(broker.kill)
-        activators = [_activator(folder, broker.url, prefix, fog) for prefix, fog, _, _ in plan]
-        fleets = [_drones(folder, broker.url, prefix, plan) for prefix in dict.fromkeys(prefix for prefix, *_ in plan)]
+        broker = CLOUDS[cloud](folder, plan)
+        stack.callback(broker.close)
+        await asyncio.to_thread(broker.start)
+        activators = [_activator(folder, broker, prefix, fog) for prefix, fog, _, _ in plan]
+        prefixes = dict.fromkeys(prefix for prefix, *_ in plan)
+        fleets = [_drones(folder, broker.drone_url, prefix, plan) for prefix in prefixes]
         arguments = [broker.url, json.dumps(plan), str(every_s), str(folder)]
-        station = Process(folder, "station", "tests.bench.load_station", *arguments)
+        identity = broker.identity(STATION)
+        station = Process(
+            folder, "station", "tests.bench.load_station", *arguments, *([str(identity)] if identity else [])
+        )
         started_s = time.monotonic()
         for process in (*activators, *fleets, station):
             stack.callback(process.start().kill)
-        await eventually(lambda: station.ready_file.exists() or station.exit_code is not None, "ready", REACHABLE_S)
-        assert station.exit_code is None, station.log.read_text()[-2000:]
+        await eventually(lambda: station.ready_file.exists() or _ended(station, *activators), "ready", REACHABLE_S)
+        assert not _ended(station, *activators), _ended(station, *activators)[0].log.read_text()[-2000:]
         start_s = time.monotonic() - started_s
         await asyncio.sleep(SETTLING_S)
         pids = {
             "activators": [process.pid for process in activators],
             "station": [station.pid],
-            "broker": [broker.pid],
             "drones": [process.pid for process in fleets],
         }
-        before_s, started_s = {name: cpu_s(*own) for name, own in pids.items()}, time.monotonic()
+
+        def used_s() -> dict[str, float]:
+            return {name: cpu_s(*own) for name, own in pids.items()} | {"broker": broker.cpu_s()}
+
+        def memory_mb() -> dict[str, float]:
+            return {name: sum(map(rss_mb, own)) for name, own in pids.items()} | {"broker": broker.rss_mb()}
+
+        before_s, started_s = await asyncio.to_thread(used_s), time.monotonic()
         await asyncio.sleep(lasting_s / 4)
-        early = {name: sum(map(rss_mb, own)) for name, own in pids.items()}
+        early_mb = await asyncio.to_thread(memory_mb)
         await asyncio.sleep(lasting_s * 3 / 4)
-        wall_s = time.monotonic() - started_s
-        shares = {name: (cpu_s(*own) - before_s[name]) / wall_s for name, own in pids.items()}
-        memory = {name: (early[name], sum(map(rss_mb, own))) for name, own in pids.items()}
+        after_s, wall_s = await asyncio.to_thread(used_s), time.monotonic() - started_s
+        shares = {name: (after_s[name] - before_s[name]) / wall_s for name in after_s}
+        late_mb = await asyncio.to_thread(memory_mb)
+        memory = {name: (early_mb[name], late_mb[name]) for name in late_mb}
         for processes in ([station], fleets):
             for process in processes:
                 os.kill(process.pid, signal.SIGTERM)
@@ -151,28 +169,29 @@ async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float) -> Load:
     return judged(folder, plan, wall_s, start_s, shares, memory)
 
 
+def _ended(*processes: Process) -> list[Process]:
+    return [process for process in processes if process.exit_code is not None]
+
+
 def _root(prefix: str, fog: int) -> str:
     """Of a fog's side, where no station listens."""
     return f"air/{prefix}fog{fog}/"
 
 
-def _activator(folder: Path, url: str, prefix: str, fog: int) -> Process:
+def _activator(folder: Path, cloud: Cloud, prefix: str, fog: int) -> Process:
+    identity = cloud.identity(f"fog{fog}")
     options = [
-        "--fog",
-        str(fog),
-        "--prefix",
-        prefix,
-        "--cloud",
-        url,
-        "--fog-broker",
-        url,
-        "--fog-root",
-        _root(prefix, fog),
+        *("--fog", str(fog)),
+        *("--prefix", prefix),
+        *("--cloud", cloud.url),
+        *("--fog-broker", cloud.fog_url),
+        *("--fog-root", _root(prefix, fog)),
+        *(("--identity", str(identity)) if identity is not None else ()),
     ]
     return Process(folder, f"activator{fog}", "mqttxt", "activator", *options)
 
 
-def _drones(folder: Path, url: str, prefix: str, plan: list[tuple[str, int, int, int]]) -> Process:
+def _drones(folder: Path, url: str, prefix: str, plan: Plan) -> Process:
     own = [(_root(prefix, fog), first, last) for at, fog, first, last in plan if at == prefix]
     name = f"drones-{prefix.rstrip('/')}"
     return Process(folder, name, "tests.bench.load_drones", url, json.dumps(own), str(folder / f"{name}.json"))
@@ -180,7 +199,7 @@ def _drones(folder: Path, url: str, prefix: str, plan: list[tuple[str, int, int,
 
 def judged(
     folder: Path,
-    plan: list[tuple[str, int, int, int]],
+    plan: Plan,
     wall_s: float,
     start_s: float,
     shares: dict[str, float],

@@ -31,14 +31,14 @@ MEMBERS = ("broker-cloud", "broker-fog1", "fog1", "drone1", "drone2")
 class Cluster:
     """The cloud of three; a node is killed, frozen, or cut off from the other two but not from the balancer."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, members: tuple[str, ...] = MEMBERS, prefix: str = "") -> None:
         self.port = free_port()
         self.acme = Authority.create(folder / "acme", "acme")
-        for name in MEMBERS:
+        for name in members:
             self.acme.issue(name)
         self.acme.issue("gs-ops", Rights(None))
         identity, out = self.acme.folder / "broker-cloud", folder / "cluster"
-        write(BrokerFiles(identity, ""), out)
+        write(BrokerFiles(identity, prefix), out)
         cookie = out / "cookie"
         cookie.write_text(secrets.token_hex(32))
         cookie.chmod(0o400)
@@ -76,6 +76,10 @@ class Cluster:
 
     def close(self) -> None:
         self._compose("down", "--timeout", "3", "--volumes")
+
+    def containers(self) -> list[Container]:
+        """Those of the nodes and the balancer."""
+        return [self._container(name) for name in (*NODES, "balancer")]
 
     def kill(self, node: str) -> None:
         self._container(node).kill()
