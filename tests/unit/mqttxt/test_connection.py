@@ -495,23 +495,6 @@ async def test_a_connection_that_is_given_up_ends_with_its_will_and_another_one_
         ] == ["it delivers nothing; trying again"]
 
 
-@pytest.fixture
-def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Those before an attempt to connect, which take no time."""
-    found: list[float] = []
-    sleep = asyncio.sleep
-
-    async def noted(pause_s: float) -> None:
-        found.append(pause_s)
-        await sleep(0)
-
-    monkeypatch.setattr(mqtt_module.random, "uniform", lambda low, high: high)
-    monkeypatch.setattr(
-        mqtt_module.asyncio, "sleep", lambda pause_s: noted(pause_s) if pause_s >= 0.1 else sleep(pause_s)
-    )
-    return found
-
-
 async def test_a_broker_that_goes_on_refusing_is_asked_at_growing_pauses(pauses: list[float]) -> None:
     async with Server(granted=[0x91] * 100) as server, linked(server) as (link, heard):
         for count in range(1, 5):
@@ -530,6 +513,23 @@ async def test_a_connection_that_delivered_before_it_was_given_up_is_begun_anew_
             link.give_up("it delivers nothing any more")
         await eventually(lambda: heard.connections == 5, "connected")
     assert pauses[:4] == [0.2] * 4
+
+
+async def test_an_identity_that_cannot_be_read_behind_that_is_tried_at_growing_pauses(
+    pauses: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with Server() as server, linked(server) as (link, heard):
+        await eventually(lambda: heard.connections == 1, "connected")
+        server.sessions[-1].send(publish("drone1/commands", b"x"))
+        await eventually(lambda: len(heard.messages) == 1, "it delivers")
+
+        async def unreadable() -> str:
+            return "the identity cannot be used"
+
+        monkeypatch.setattr(link, "_one_connection_without_identity", unreadable)
+        link.give_up("it delivers nothing any more")
+        await eventually(lambda: len(pauses) >= 4, "pauses")
+    assert pauses[:4] == [0.2, 0.4, 0.8, 1.6]
 
 
 @pytest.mark.parametrize("code", [0x87, 0x8F, 0x9E, 0xA1, 0xA2])

@@ -9,10 +9,11 @@ import pytest
 from mqttxt.core.effects import Log, Publish
 from mqttxt.core.ledger import FOG_CAPACITY
 from mqttxt.protocol.codec import decode
-from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land
+from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land, Takeoff
 from mqttxt.protocol.control import Control
 from mqttxt.protocol.messages import CommandId, CommandMessage, FogResultMessage, Presence, ResultMessage, Word
 from mqttxt.protocol.names import MAX_DRONE
+from mqttxt.protocol.rankings import SelectMode
 from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
 from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION
 
@@ -195,8 +196,40 @@ def test_a_station_without_control_that_asks_a_whole_fog_opens_no_more_legs_than
     assert FOG_CAPACITY // 8 - MAX_DRONE < legs <= FOG_CAPACITY // 8
 
 
-def test_a_choice_among_a_fogs_drones_takes_a_place_for_each_and_a_command_to_one_takes_one() -> None:
+def test_a_command_takes_as_many_places_as_drones_may_get_it_and_a_choice_what_its_list_needs() -> None:
     bench = ready(drones=tuple(range(1, 101)))
     bench.select(Goto(47.0, 8.0, 10.0), seq=1, executor_session=FOG_SESSION)
-    bench.command(seq=2)
-    assert [entry.places for entry in bench.role.relay.ledger.entries()] == [100, 1]
+    bench.select(Goto(47.0, 8.0, 10.0), seq=2, executor_session=FOG_SESSION, mode=SelectMode.RELEASE, reservation=1)
+    bench.command(seq=3)
+    bench.command(Hold(), to="commands", seq=4)
+    bench.command(Goto(47.0, 8.0, 10.0), to="commands", seq=5)
+    places = [entry.places for entry in bench.role.relay.ledger.entries()]
+    assert places == [10, 1, 1, 100, 1], "a goto is no broadcast, and is refused at once"
+
+
+def test_a_station_whose_holds_of_a_whole_fog_are_denied_may_still_hold_one_drone() -> None:
+    """The ledger has room for one place when it has none for 250."""
+    bench = ready(drones=tuple(range(1, MAX_DRONE + 1)))
+    bench.register(lease_s=3600)
+    for seq in range(1, 1000, 2):
+        bench.now_ms += 100
+        denied = bench.command(Hold(), to="commands", seq=seq, deadline_ms=bench.now_ms + 60_000)
+        if any(isinstance(effect, Publish) and b"ledger_full" in effect.payload for effect in denied):
+            break
+    else:
+        pytest.fail("never full")
+    alone = bench.command(Hold(), seq=seq + 1, deadline_ms=bench.now_ms + 60_000)
+    assert len(of(alone, "drone1/commands")) == 1
+
+
+@pytest.mark.parametrize("away", [1, 2])
+def test_a_broadcast_stays_open_for_the_drones_that_have_it_whichever_is_away(away: int) -> None:
+    there = 3 - away
+    bench = ActivatorBench(drones=(1, 2))
+    bench.appear(there)
+    bench.register()
+    bench.command(Takeoff(10.0), to="commands", limit_s=60.0)
+    assert bench.role.relay.busy_drones() == {there}
+    effects = bench.until(bench.now_ms + 100_000)
+    assert of(effects, f"drone{there}/commands"), "it is said again"
+    assert words(effects, there)[-1] == (Word.UNCONFIRMED, None)

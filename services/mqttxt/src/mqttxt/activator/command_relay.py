@@ -34,7 +34,7 @@ from ..protocol.commands import (
 )
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, RosterEntry, Word
-from ..protocol.rankings import SelectMessage
+from ..protocol.rankings import SelectMessage, SelectMode
 from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
 from ..protocol.words import NO_DEADLINE, NOT_AUDITED
 from .command_words import RelayWords
@@ -48,6 +48,8 @@ FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
 """A drone is busy from one of these to its last word."""
 SAFETY = (*OVERRIDING, Disarm, Pause)
 """What goes over every connection to a drone at once."""
+LIST_PER_PLACE = 10
+"""Drones of a choice's list that take a place of the ledger: they need as much memory as a command."""
 SECOND_MS = 500
 """So long after a command went over one connection it goes over all, where no word has come."""
 
@@ -131,13 +133,16 @@ class Relay:
         if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
             return None, [Log("flood", f"{command.command.name} of {station}: too many")]
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
-        places = 1 if target not in (None, CHOSEN) else max(1, len(self._asked(query)))
+        close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
+        job = Job(target, command, deadline_ms, close_at_ms, query, signed)
+        refusal = self._refusal(job, known, retained, now_ms)
+        places = self._places(job, select) if refusal is None else 1
         verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms, share, station, places)
         entry = self.ledger.get(command.id)
         if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
-            job = entry.record
-            job.signed = job.signed.signed_again(signed) if job.signed is not None else None
-            is_due = job.is_answered and self._repetitions.may_answer(entry.id, now_ms)
+            first = entry.record
+            first.signed = first.signed.signed_again(signed) if first.signed is not None else None
+            is_due = first.is_answered and self._repetitions.may_answer(entry.id, now_ms)
             return None, self.words.repeat(entry, now_ms) if is_due else []
         if verdict is Admission.IGNORED:
             return None, [
@@ -148,11 +153,8 @@ class Relay:
                 return None, []
             reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
             return None, self.words.deny(target, command.command.name, command.id, reason, now_ms)
-        close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
-        job = Job(target, command, deadline_ms, close_at_ms, query, signed)
         entry = self.ledger.enter(command.id, contents, job, keep_ms, share, station, places)
         out: list[Effect] = [self._audited(command, target, select, now_ms)]
-        refusal = self._refusal(job, known, retained, now_ms)
         return (entry, out) if refusal is None else (None, out + self.refuse(entry, refusal, now_ms))
 
     def _station(self, gs_session: int) -> Hashable:
@@ -247,6 +249,7 @@ class Relay:
         """Send a command to all of its roster; what is said of it to the station wakes nobody before it has left."""
         job = entry.record
         roster = self._asked(job.query)
+        job.legs.update((listed.drone, Leg(listed.drone)) for listed in roster)  # none is over before all are
         said, sent = self.words.say_roster(entry, roster, now_ms), list[Effect]()
         for listed in roster:
             for effect in self.forward(entry, listed.drone, now_ms):
@@ -256,6 +259,15 @@ class Relay:
             self.ledger.close(entry, now_ms)
         return [*sent, *said]
 
+    def _places(self, job: Job, select: SelectMessage | None) -> int:
+        """How many places of the ledger a command takes: one for each drone that may get it, or for some of a list."""
+        if job.target not in (None, CHOSEN):
+            return 1
+        asked = len(self._asked(job.query))
+        if select is not None and not job.query:
+            asked = 1 if select.mode in (SelectMode.COMMIT, SelectMode.RELEASE) else asked // LIST_PER_PLACE
+        return max(1, asked)
+
     def _asked(self, query: bool) -> tuple[RosterEntry, ...]:
         """Whom a broadcast is for."""
         return self._drones.asked() if query else self._drones.roster()
@@ -263,7 +275,7 @@ class Relay:
     def forward(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
         """Send a command to a drone, for the first time: closed here if it cannot be, else from then on the drone's."""
         job, link = entry.record, self._drones.links.get(drone)
-        leg = job.legs[drone] = Leg(drone)
+        leg = job.legs.setdefault(drone, Leg(drone))
         refusal = job.signed.refusal(job.message.command, drone) if job.signed is not None else None
         if refusal is not None:
             return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)

@@ -75,6 +75,14 @@ class Entry(Generic[Record]):
     is_open: bool = True
 
 
+@dataclass(frozen=True)
+class _Bar:
+    """Until when what takes so many places or more is denied."""
+
+    until_ms: int
+    places: int
+
+
 class Ledger(Generic[Record]):
     """Ids with their contents and records, in `capacity` places: a quarter is for outsiders, a sixteenth kept free.
 
@@ -88,7 +96,7 @@ class Ledger(Generic[Record]):
         self._keep_ms = keep_ms
         self._taken: Counter[Share] = Counter()
         self._taken_by: Counter[tuple[Share, Hashable]] = Counter()
-        self._barred_until_ms: dict[tuple[Share, Hashable], int] = {}
+        self._bars: dict[tuple[Share, Hashable], _Bar] = {}
         self._open: dict[CommandId, Entry[Record]] = {}
         self._closed: list[tuple[int, CommandId]] = []
         """A heap of the closed entries, by the time until which each was to be kept when it was closed."""
@@ -115,20 +123,21 @@ class Ledger(Generic[Record]):
         """What to do with a command of a station that takes so many places, without entering it.
 
         While the deadline of an id that was denied for want of room has not passed, unknown ids of its station and
-        share are denied too: the denied one may arrive a second time and must not be executed then.
+        share are denied too that take as many places: the denied one may arrive a second time and must not be executed
+        then.
         """
         entry = self._entries.get(command_id)
         if entry is not None:
             same = entry.contents is None or entry.contents == contents
             return Admission.DUPLICATE if same else Admission.CONFLICT
         self._purge(now_ms)
-        own, barred_until_ms = (share, station), self._barred_until_ms.get((share, station), 0)
+        own, bar = (share, station), self._bars.get((share, station), _Bar(0, places))
         if not self._has_room(share, station, places):
             if share is Share.OUTSIDERS:
                 return Admission.IGNORED
-            self._barred_until_ms[own] = max(barred_until_ms, deadline_ms + 1)
+            self._bars[own] = _Bar(max(bar.until_ms, deadline_ms + 1), min(bar.places, places))
             return Admission.FULL
-        return Admission.FULL if now_ms < barred_until_ms else Admission.NEW
+        return Admission.FULL if now_ms < bar.until_ms and places >= bar.places else Admission.NEW
 
     def enter(
         self,
@@ -175,4 +184,4 @@ class Ledger(Generic[Record]):
             self._taken_by[own] -= entry.places
             if self._taken_by[own] == 0:
                 del self._taken_by[own]
-        self._barred_until_ms = {own: until for own, until in self._barred_until_ms.items() if now_ms < until}
+        self._bars = {own: bar for own, bar in self._bars.items() if now_ms < bar.until_ms}

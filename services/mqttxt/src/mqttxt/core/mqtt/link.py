@@ -179,6 +179,7 @@ class MqttLink:
 
     async def _one_connection(self) -> str | None:
         """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
+        self._was_accepted = self._goes_on_at_once = False
         if self._identity is None or self.address.datagrams:
             return await self._one_connection_without_identity()
         from .tls import client_context
@@ -210,7 +211,6 @@ class MqttLink:
     async def _one_connection_by(self, ssl_context: ssl.SSLContext | None) -> str | None:
         connection = self._made(ssl_context)
         told: asyncio.TimerHandle | None = None
-        self._was_accepted = self._goes_on_at_once = False
         try:
             try:
                 code = await connection.open()
