@@ -35,6 +35,7 @@ from mqttxt.core.mqtt.sn.air import _ToBroker
 from mqttxt.core.mqtt.sn.air_client import AirClient
 from mqttxt.core.mqtt.sn.client import SnClient
 from mqttxt.core.mqtt.sn.gateway import Gateway
+from mqttxt.core.mqtt.sn.own_topics import OwnTopics
 from mqttxt.core.mqtt.sn.sender import Receiver, Sender
 from mqttxt.core.mqtt.sn.together import Unpacker
 from mqttxt.core.session_owners import SessionOwners
@@ -611,7 +612,7 @@ def gateway_says_nothing_to_strangers() -> None:
 
 
 def gateway_knows_no_names() -> None:
-    wrap(AirClient, "_register", lambda original: lambda self, topic: None)
+    wrap(OwnTopics, "register", lambda original: lambda self, topic: None)
 
 
 def gateway_tells_one_by_one() -> None:
