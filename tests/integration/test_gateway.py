@@ -205,7 +205,7 @@ def test_bad_options_are_one_line(tmp_path: Path) -> None:
         ([], "expected --to udp:HOST:PORT or --listen tcp:HOST:PORT"),
         (["--to", "14550"], "--to '14550': expected udp:HOST:PORT"),
         (["--listen", "tcp:0.0.0.0:5760"], "--insecure-mavlink"),
-        (["--to", "udp:127.0.0.1:14550", "--ttl", "61"], "ttl 61 s"),
+        (["--to", "udp:127.0.0.1:14550", "--ttl", "61"], "--ttl 61: expected more than 0 and at most 60 s"),
     ):
         process = Process(tmp_path, "bad", "mqttxt", "gs", "mavlink", "--fog", "1", *options).start()
         assert process.wait() == 2
