@@ -132,7 +132,7 @@ def test_this_machine_is(host: str, bare: str) -> None:
         (["--listen", "0.0.0.0:8080"], "--listen 0.0.0.0:8080: expected this machine"),
         (["--listen", "8080"], "--listen '8080': expected HOST:PORT"),
         (["--qos", "2"], "--qos 2: expected 0 or 1"),
-        (["--cloud", "http://x"], "broker 'http://x': expected mqtt://"),
+        (["--cloud", "http://x"], "--cloud 'http://x': expected mqtt://"),
     ],
 )
 def test_a_wrong_option_is_one_line(arguments: list[str], says: str) -> None:
