@@ -29,6 +29,7 @@ PUBLIC = {
     "GroundStation": {
         "best",
         "connect",
+        "drone",
         "drones",
         "events",
         "fog",

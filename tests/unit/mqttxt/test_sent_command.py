@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+from functools import partial
 from typing import Any
 
 import pytest
@@ -29,7 +30,7 @@ from mqttxt import (
 )
 from mqttxt.core.effects import Inbound, Publish, Subscribe
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.control import Registration
+from mqttxt.protocol.control import DroneRecord, Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
     CommandMessage,
@@ -244,6 +245,32 @@ async def test_without_a_live_activator_the_call_says_so_and_nothing_is_sent() -
     assert field.sent == []
 
 
+async def test_a_drone_is_that_of_the_fog_that_reaches_it() -> None:
+    field = Field(1, 2)
+    with pytest.raises(FogUnreachable, match="drone 1: no fog that is connected knows it"):
+        field.gs.drone(1)
+    field.hear("fog1/drone1/reachable", DroneRecord(activator_session=SESSION, up=False))
+    assert field.gs.drone(1).fog == 1
+    reached = DroneRecord(activator_session=SESSION, up=True, drone_session=5)
+    field.hear("fog2/drone1/reachable", reached)
+    assert field.gs.drone(1).fog == 2
+    field.hear("fog1/drone1/reachable", reached)
+    with pytest.raises(FogUnreachable, match="drone 1: fogs 1, 2 each say that it is reachable"):
+        field.gs.drone(1)
+    with pytest.raises(ConfigurationError, match="drone 251"):
+        field.gs.drone(251)
+
+
+async def test_some_drones_of_a_fog_are_taken_over_by_its_fog_and_by_the_station() -> None:
+    field = Field(1)
+    for take_over in (field.fog().take_over, partial(field.gs.take_over, 1)):
+        before = len(field.published)
+        with pytest.raises(FogUnreachable, match="fog 1"):
+            await take_over((2, 3), 0.05)
+        taken = [decode(Registration, publish.payload) for publish in field.published[before:]]
+        assert [registration.drones for registration in taken][:1] == [(2, 3)]
+
+
 async def test_before_connect_every_call_gives_its_documented_error() -> None:
     gs = GroundStation("mqtt://127.0.0.1:1")
     with pytest.raises(FogUnreachable, match="no fog is connected; goto was not sent"):
@@ -317,6 +344,7 @@ async def test_connect_names_what_each_fog_lacks() -> None:
     assert field.runner.missing(view) == "no connection to mqtt://127.0.0.1:1 (Connection refused)"
 
 
+@pytest.mark.long
 async def test_connect_to_a_broker_that_is_not_there_says_why() -> None:
     async with GroundStation("mqtt://127.0.0.1:1") as gs:
         with pytest.raises(FogUnreachable) as failure:

@@ -1,8 +1,8 @@
 """MQTT-XT: drones as ordinary nodes of an IoT network, over MQTT 5.
 
-The ground station's API is re-exported here. `station`, `activator` and `drone` are the nodes, on `core` and
-`protocol`; `cli` has them as commands. A name is imported when it is first asked for, so that a command, or a program
-that needs one role, does not load the others.
+The ground station's API is re-exported here. `station`, `activator` and `drone` are the nodes, built on `core` and
+`protocol`; `cli` has them as commands. A name is imported on first access, so that a command, or a program that needs
+one role, does not load the others.
 """
 
 from importlib import import_module
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         ConfigurationError,
         FogUnreachable,
         MqttxtError,
+        NotInControl,
         PayloadError,
         Refused,
         StationEnded,
@@ -145,6 +146,7 @@ __all__ = [
     "MaxGroundspeed",
     "Mission",
     "MqttxtError",
+    "NotInControl",
     "Offboard",
     "Outcome",
     "Outcomes",
@@ -200,7 +202,7 @@ _HOMES = (
     "station.ground_station",
     "station.fleets",
 )
-"""Where the public names are, in the order in which one imports the next."""
+"""The modules of the public names; later ones import earlier ones."""
 
 
 def __getattr__(name: str) -> Any:

@@ -2,13 +2,14 @@
 
 MqttxtError
 ├── ConfigurationError     a setting that cannot work; the message names it (exit code 2)
-├── AuditBroken            an audit log that is not as it was written
+│   └── NotInControl       the station does not control the drone
+├── AuditBroken            an audit log that is damaged or was altered
 ├── PayloadError           a payload or topic that does not follow the specification
 │   └── PlanMistakes       a plan file with mistakes, a line for each
 ├── TransportError         a broker or an autopilot link that refuses or is lost
-│   └── BrokerRefused      the broker answered CONNECT with a reason code that retrying cannot mend
+│   └── BrokerRefused      the broker refused a connection or a subscription for good
 ├── FogUnreachable         no live activator answered a ground station in time
-├── TransferFailed         a drone did not keep, or not give, an object such as a plan
+├── TransferFailed         a drone did not store, or not deliver, an object such as a plan
 ├── StationEnded           the ground station that was waited for has ended
 ├── PartEnded              a process of the demo has ended by itself
 └── Refused                another live process already owns this drone's or fog's number
@@ -26,14 +27,14 @@ class MqttxtError(Exception):
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What people are told: one line, where a class does not say otherwise."""
+        """The message for people: one line, unless a subclass has several."""
         return (str(self),)
 
 
 class ConfigurationError(MqttxtError):
     """A setting that cannot work: the message names the setting, its value and what was expected.
 
-    Of a file with several mistakes it has a line for each, in `lines`.
+    For a file with several mistakes `lines` has one line for each.
     """
 
     exit_code = 2
@@ -47,8 +48,16 @@ class ConfigurationError(MqttxtError):
         return self._lines
 
 
+class NotInControl(ConfigurationError):
+    """The station does not control the drone; `holder` is the name of the station that does, None if there is none."""
+
+    def __init__(self, drone: str, holder: str | None) -> None:
+        super().__init__(f"drone {drone}: expected this station in control, not {holder or 'nobody'}")
+        self.holder = holder
+
+
 class AuditBroken(MqttxtError):
-    """An audit log that is not as it was written; the message names the first line that shows it."""
+    """An audit log that is damaged or was altered; the message names the first line that shows it."""
 
 
 class PayloadError(MqttxtError):
@@ -60,7 +69,7 @@ class PayloadError(MqttxtError):
 
 
 class PlanMistakes(PayloadError):
-    """A plan file with mistakes; `lines` has one for each, and the message all."""
+    """A plan file with mistakes; `lines` has one line for each, and the message all lines."""
 
     def __init__(self, lines: Sequence[str]) -> None:
         super().__init__("\n".join(lines))
@@ -76,7 +85,7 @@ class TransportError(MqttxtError):
 
 
 class BrokerRefused(TransportError):
-    """The broker answered CONNECT with a reason code that retrying cannot mend."""
+    """The broker refused a connection or a subscription for good, or reported that another client took over the id."""
 
 
 class FogUnreachable(MqttxtError):
@@ -84,15 +93,15 @@ class FogUnreachable(MqttxtError):
 
 
 class TransferFailed(MqttxtError):
-    """A drone did not keep, or not give, an object such as a plan; the message says why."""
+    """A drone did not store, or not deliver, an object such as a plan; the message says why."""
 
 
 class StationEnded(MqttxtError):
-    """The ground station has ended, and nothing more is heard by it."""
+    """The ground station has ended, and receives nothing more."""
 
 
 class PartEnded(MqttxtError):
-    """A process of the demo has ended by itself; the message names it, how it ended, and its last words."""
+    """A process of the demo has ended on its own; the message names it, how it ended, and its last output."""
 
 
 class Refused(MqttxtError):

@@ -1,6 +1,6 @@
-"""What the command adds to a word or an error, for somebody who has not read the specification.
+"""Explanations of words and errors, for users who have not read the specification.
 
-What a station needs is imported by what runs: help needs none of it.
+A station's modules are imported only where something runs: help needs none of them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer.core import TyperGroup
 
-from ..errors import ConfigurationError, FogUnreachable
+from ..errors import ConfigurationError, FogUnreachable, NotInControl
 
 if TYPE_CHECKING:
     from ..station.fleets import Fleets
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class GroundStationCommands(TyperGroup):
-    """Says where a drone's command belongs that was typed as a command of the ground station."""
+    """Shows how to send a drone's command that was typed as a command of the ground station."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """As the base class does."""
@@ -33,7 +33,7 @@ class GroundStationCommands(TyperGroup):
 
 
 def line_of(said: Outcome | PsmiList) -> str:
-    """A word as it is printed; one that is not as wished with what it means, and what can be done."""
+    """A word as a line; any but a success or a first word also with its meaning and, if known, a remedy."""
     from ..page.words import in_plain_english
     from ..protocol.messages import Word
     from ..protocol.words import NOT_IN_CONTROL
@@ -47,7 +47,7 @@ def line_of(said: Outcome | PsmiList) -> str:
 
 
 async def connect(station: GroundStation | Fleets, fogs: Mapping[str, list[int]], timeout_s: float) -> list[Fog]:
-    """`connect` of a station, with fogs by their fleets; its error names the options of the command too."""
+    """A station's `connect`, with fogs by fleet; its error also names the command's options."""
     from ..station.ground_station import GroundStation
 
     try:
@@ -62,9 +62,7 @@ async def connect(station: GroundStation | Fleets, fogs: Mapping[str, list[int]]
 
 @contextlib.contextmanager
 def take_over_advised() -> Iterator[None]:
-    """The error of a drone that another station controls names the option that takes control from it."""
-    from ..station.views.drone import NotInControl
-
+    """Add `--take-over` to the error about a drone that another station controls."""
     try:
         yield
     except NotInControl as error:
@@ -73,7 +71,7 @@ def take_over_advised() -> Iterator[None]:
 
 
 def not_there(fog: Fog, drone: int) -> str | None:
-    """A line that says which drones a fog has, where that one is none of them."""
+    """A line with the fog's drones if `drone` is none of them, else None."""
     known = [one.number for one in fog.drones]
     if drone in known:
         return None

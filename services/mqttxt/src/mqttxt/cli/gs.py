@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..core.address import BrokerAddress, address_of
 from ..core.settings import CONNECT_S
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
 from ..protocol.names import check_prefix, check_root
 from ..protocol.topics import SELECTABLE
 from .advice import GroundStationCommands, connect, line_of, not_there
-from .broker import address_of, broker_address
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
 from .station import IDENTITY, Cloud, FogNumbers, Prefix, StationOptions, Timeout, of_a_station
 
@@ -28,7 +28,7 @@ PARAMETERS = (
     "set_parameter: NAME VALUE; "
     "mavlink: MAV_CMD (number or name) and up to seven parameters, - or nan for one that is not set."
 )
-"""What each command takes."""
+"""The parameters of each command."""
 
 gs_app = typer.Typer(
     help="A ground station: watch drones, send commands.",
@@ -133,7 +133,7 @@ def send(
             fogs = await connect(station, places, options.timeout)
             if take_over:
                 for there in fogs:
-                    await (there if number is None else there.drone(number)).take_over(options.timeout)
+                    await (there if number is None else there.drone(number)).take_over(timeout_s=options.timeout)
             sent: SentCommand[Outcome, Any] | SentCommand[Outcomes, Any]
             if best:
                 sent = station.best(wanted, ttl_s=ttl, limit_s=limit)
@@ -259,7 +259,7 @@ def homeassistant(
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        parsed = broker_address(broker, "--broker")
+        parsed = BrokerAddress.parse(broker, "--broker")
         if not (parsed.tls or parsed.is_loopback or insecure_broker):
             raise ConfigurationError(f"--broker {parsed}: not encrypted; expected mqtts://, or --insecure-broker")
         fogs_of = options.fogs_of(fog)
@@ -272,7 +272,7 @@ def homeassistant(
 
 
 def _check_target(command: Command, fogs: list[str], drone: str | None, best: bool) -> None:
-    """Whom a command may go to; raises ConfigurationError."""
+    """Check the addressee of a command; raises ConfigurationError."""
     if best and drone is not None:
         raise ConfigurationError(f"--drone {drone}: expected none with --best, which chooses the drone")
     if len(fogs) > 1 and not best:

@@ -1,4 +1,4 @@
-"""Which ground station a subcommand is, and of which fleet: its options, the same for each of them."""
+"""The ground station of a subcommand, and its fleet: options that are the same for each of them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from ..core.address import BrokerAddress
 from ..core.settings import CONNECT_S, Settings
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, MAX_FOG, check_prefix, parse_in_fleet
 from .advice import connect, take_over_advised
-from .broker import broker_address
 from .common import (
     INSECURE_HELP,
     SIGNED_HELP,
@@ -49,12 +49,12 @@ FogNumbers = Annotated[
 ]
 TakeOver = Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")]
 Job = Callable[[Any], Awaitable[int]]
-"""Takes a `Drone`, does something with it, and returns the exit code."""
+"""Takes a `Drone`, carries out the subcommand with it, and returns the exit code."""
 
 
 @dataclass(frozen=True)
 class StationOptions:
-    """What a station is told of its fleet. Each field is an option, which the environment may give too."""
+    """A station's options about its fleet. Each field is an option, which the environment may give too."""
 
     cloud: Cloud = "mqtt://127.0.0.1:1883"
     identity: Annotated[str | None, IDENTITY] = None
@@ -70,14 +70,14 @@ class StationOptions:
     timeout: Timeout = CONNECT_S
 
     def fogs_of(self, names: Iterable[str]) -> dict[str, list[int]]:
-        """Fogs as they are typed, each once, by their fleets; raises ConfigurationError."""
+        """Parse typed fogs, each once, by fleet; raises ConfigurationError."""
         found: dict[str, list[int]] = {}
         for fleet, number in dict.fromkeys(self._named("--fog", name, MAX_FOG) for name in names):
             found.setdefault(fleet, []).append(number)
         return found
 
     def place_of(self, drone: str, fog: str) -> tuple[str, int, int]:
-        """Fleet, fog and drone as they are typed, of which either may name the fleet; raises ConfigurationError."""
+        """Parse a typed drone and fog, either of which may name the fleet; raises ConfigurationError."""
         fleet, number = self._named("--drone", drone, MAX_DRONE)
         other, place = self._named("--fog", fog, MAX_FOG)
         if fleet and other and fleet != other:
@@ -94,7 +94,7 @@ class StationOptions:
     def joined(
         self, fleets: Iterable[str], settings: Settings | None = None, control: bool = True
     ) -> GroundStation | Fleets:
-        """A station of one fleet, or of several, not entered yet; raises ConfigurationError."""
+        """A station in one fleet or in several, not entered yet; raises ConfigurationError."""
         names = [*fleets]
         if len(names) == 1:
             return self.station(names[0], settings, control)
@@ -106,7 +106,7 @@ class StationOptions:
     def station(
         self, fleet: str, settings: Settings | None = None, control: bool = True, name: str | None = None
     ) -> GroundStation:
-        """The ground station of a fleet, empty for none, not entered yet; raises ConfigurationError."""
+        """The ground station of a fleet (empty: no prefix), not entered yet; raises ConfigurationError."""
         from ..station.ground_station import GroundStation
 
         chosen = settings or Settings()
@@ -134,7 +134,7 @@ class StationOptions:
 
 @dataclass(frozen=True)
 class DroneOptions:
-    """Which drone a subcommand is for."""
+    """The drone of a subcommand."""
 
     drone: DroneNumber
     fog: FogNumber = "1"
@@ -142,14 +142,14 @@ class DroneOptions:
 
 
 def of_a_station(command: Callable[..., None]) -> Callable[..., None]:
-    """Make a subcommand of a function whose first parameter is the station's options: those stand behind its own."""
+    """Make a subcommand of a function whose first parameter is the station's options; they follow its own."""
     return _with_options(command, command, StationOptions)
 
 
 def with_a_drone(command: Callable[..., Job]) -> Callable[..., None]:
     """Make a subcommand of a function that returns its job with one drone, which this station controls if it may.
 
-    The options of drone and station stand behind its own. What it raises is said before anything is connected to.
+    The options of drone and station follow its own. Its errors are printed before any connection is made.
     """
 
     def run(which: DroneOptions, options: StationOptions, **own: Any) -> None:
@@ -161,7 +161,7 @@ def with_a_drone(command: Callable[..., Job]) -> Callable[..., None]:
 
 
 def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> None:
-    """Do something with a drone that this station controls, as far as it may."""
+    """Run a job with a drone after waiting, up to the timeout, for control of it."""
     set_up_logging(verbose=False)
 
     async def with_drone() -> int:
@@ -170,8 +170,8 @@ def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> No
             (fog,) = await connect(station, {fleet: [place]}, options.timeout)
             there = fog.drone(number)
             if which.take_over:
-                await there.take_over(options.timeout)
-            with contextlib.suppress(TimeoutError):  # who controls it instead is in the word, or in the error
+                await there.take_over(timeout_s=options.timeout)
+            with contextlib.suppress(TimeoutError):  # the word or the error names the station in control
                 await station.wait_until(
                     lambda: there.is_controlled or _is_held_by_another(there, station.name), options.timeout
                 )
@@ -182,15 +182,15 @@ def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> No
 
 
 def _is_held_by_another(there: Drone, own: str) -> bool:
-    """Whether a live fog names another station in control. Where it names nobody, this one may get control yet."""
+    """Whether a live fog names another station in control. If it names none, this one may still get control."""
     return there.is_reachable and there.holder not in (None, own)
 
 
 def _check_cloud(url: str, identity: str | None, insecure: bool) -> None:
-    """Raises ConfigurationError, which names `--cloud`, for an address that the station would not connect to."""
+    """Raises ConfigurationError, naming `--cloud`, for an address to which the station would not connect."""
     from ..core.transport import Transport
 
-    address = broker_address(url, "--cloud")
+    address = BrokerAddress.parse(url, "--cloud")
     if identity is None:
         Transport(insecure=insecure).check(address, "--cloud")
     elif not address.tls:
@@ -200,7 +200,7 @@ def _check_cloud(url: str, identity: str | None, insecure: bool) -> None:
 
 
 def _of_fleet(option: str, text: str, fleet: str) -> str:
-    """What an option says for a fleet: its own value where the text has one for it, else the whole text."""
+    """An option's value for a fleet: the fleet's own value if the text has one, else the whole text."""
     parts = [part.partition("=") for part in text.split(",")]
     own = [value for name, _, value in parts if name.removesuffix("/") == fleet and fleet]
     if len(own) > 1:
@@ -209,7 +209,7 @@ def _of_fleet(option: str, text: str, fleet: str) -> str:
 
 
 def _with_options(run: Callable[..., None], command: Callable[..., Any], *kinds: type[Any]) -> Callable[..., None]:
-    """A subcommand with the parameters of `command`, then the fields of `kinds`, of which `run` takes instances."""
+    """A subcommand with the parameters of `command`, then the fields of `kinds`; `run` gets instances of these."""
 
     @functools.wraps(command)
     def with_options(**given: Any) -> None:

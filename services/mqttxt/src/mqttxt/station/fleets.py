@@ -23,24 +23,24 @@ _LEVEL = re.compile(f"(?![0-9]+$){NAME}")
 
 
 class Fleets:
-    """Several fleets as one: a ground station in each, told apart by the prefix of its topics.
+    """Several fleets as one: a ground station in each, distinguished by the prefix of its topics.
 
         async with Fleets(GroundStation(url, prefix="acme/"), GroundStation(url, prefix="north/")) as fleets:
             await fleets.connect({"acme": [1, 2], "north": [1]})
             outcome = await fleets.drone("acme/1").takeoff(10)
 
     A fleet's name is its prefix without the last `/`. Each station has its own connection, session and control, and
-    where nodes have identities its own identity: nothing that is asked of a fog or a drone of one fleet goes to
-    another. What is heard names its fleet. Inside `async with` all stations run. One that ends by itself, because its
-    broker refused it, ends no other one; leaving raises its error.
+    where nodes have identities its own identity: nothing for a fog or a drone of one fleet is sent to another. Every
+    event names its fleet. Inside `async with` all stations run. A station that ends because its broker refused it ends
+    no other one; leaving raises its error.
 
     Parameters:
         stations: the stations, none of them entered, each with a prefix of its own of letters, digits, `_`, `.` and
             `-`, no level of which is a number.
 
     Raises:
-        ConfigurationError: a prefix that is missing, cannot be, or is another station's; two stations of one session,
-            or with identities of one authority.
+        ConfigurationError: a prefix is missing, invalid or another station's; two stations have one session, or
+            identities of one authority.
     """
 
     def __init__(self, *stations: GroundStation) -> None:
@@ -80,7 +80,7 @@ class Fleets:
         runners = self._runners
         try:
             for runner in runners:
-                await runner.choices.end()  # what they have reserved in other fleets, too
+                await runner.choices.end()  # they release their reservations, in other fleets too
         finally:
             await asyncio.gather(*(runner.leave() for runner in runners))
         if error is None:
@@ -97,8 +97,8 @@ class Fleets:
         Raises:
             FogUnreachable: a fog has not confirmed in time; the message says what is missing, as that of
                 `GroundStation.connect`. The stations go on trying.
-            ConfigurationError: a fleet that is none of these, a number that cannot be a fog's, a timeout that is not
-                above 0, or a station that was not entered (`async with`).
+            ConfigurationError: an unknown fleet, an invalid fog number, a timeout that is not above 0, or a station not
+                entered (`async with`).
             StationEnded, BrokerRefused: a station has ended.
         """
         asked = {fleet: (self._station(fleet), [*numbers]) for fleet, numbers in fogs.items()}
@@ -122,7 +122,7 @@ class Fleets:
 
     @property
     def drones(self) -> list[Drone]:
-        """Every drone that one of these fogs knows, fleet by fleet."""
+        """Every drone that is known to one of these fogs, fleet by fleet."""
         return [drone for fog in self.fogs for drone in fog.drones]
 
     def fog(self, name: str) -> Fog:
@@ -133,32 +133,26 @@ class Fleets:
 
         Raises:
             FogUnreachable: `connect` was not called with it.
-            ConfigurationError: a name that cannot be, or a fleet that is none of these.
+            ConfigurationError: an invalid name, or an unknown fleet.
         """
         fleet, number = parse_in_fleet("fog", name)
         return self._station(fleet).fog(number)
 
     def drone(self, name: str) -> Drone:
-        """A drone that a fog knows; where several do, the one where it is reachable.
+        """A drone that is known to a fog; where several know it, as seen by the one that reports it as reachable.
 
         Parameters:
             name: its fleet and its number, as `acme/1`.
 
         Raises:
-            FogUnreachable: no fog that `connect` was called with knows it, or several say that it is reachable.
-            ConfigurationError: a name that cannot be, or a fleet that is none of these.
+            FogUnreachable: no fog that `connect` was called with knows it, or several report it as reachable.
+            ConfigurationError: an invalid name, or an unknown fleet.
         """
         fleet, number = parse_in_fleet("drone", name, MAX_DRONE)
-        found = [drone for drone in self._station(fleet).drones if drone.number == number]
-        found = [drone for drone in found if drone.is_reachable] or found[:1]
-        if len(found) != 1:
-            fogs = ", ".join(f"{drone.fleet}/{drone.fog}" for drone in found)
-            said = f"fogs {fogs} each say that it is reachable" if found else "no fog that is connected knows it"
-            raise FogUnreachable(f"drone {name}: {said}")
-        return found[0]
+        return self._station(fleet).drone(number)
 
     def events(self) -> EventStream:
-        """Everything that is heard in all fleets from this call on, as `GroundStation.events`; it ends with the last.
+        """Every event of all fleets from this call on, as `GroundStation.events`; it ends with the last station.
 
         Raises nothing; iterating raises BrokerRefused where the broker ended a station, once all have ended.
         """
@@ -168,14 +162,14 @@ class Fleets:
         return EventStream(record)
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Wait until something holds; it is looked at at least twenty times a second.
+        """Wait until a condition holds. It is evaluated at least twenty times per second.
 
         Parameters:
-            condition: returns whether it holds.
+            condition: called without arguments; returns whether it holds.
             timeout_s: how long to wait, in seconds.
 
         Raises:
-            TimeoutError: it does not hold in time.
+            TimeoutError: the condition does not hold in time.
             ConfigurationError: the timeout is not above 0.
             StationEnded, BrokerRefused: a station ends before.
         """
@@ -193,7 +187,7 @@ class Fleets:
     def best(
         self, command: Command, fogs: Iterable[Fog] | None = None, *, ttl_s: float = TTL_S, limit_s: float | None = None
     ) -> SentCommand[Outcome, Outcome | PsmiList]:
-        """Send a command to the drone that arrives first (PSMI), of whichever fleet; as `GroundStation.best`.
+        """Send a command to the drone that arrives first (PSMI), in any fleet; as `GroundStation.best`.
 
         Parameters:
             command: a `Goto`.
@@ -202,9 +196,10 @@ class Fleets:
             limit_s: seconds within which the execution must end; None: the command's own limit.
 
         Raises:
-            FogUnreachable: none of the activators is live; nothing was sent. Awaiting raises it as there.
-            ConfigurationError: another command, or a time that cannot be; nothing was sent.
-            PayloadError: a field of the command that cannot be carried; nothing was sent.
+            FogUnreachable: none of the activators is live; nothing was sent. Awaiting raises it as that of
+                `GroundStation.best` does.
+            ConfigurationError: a command other than `Goto`, or an invalid time; nothing was sent.
+            PayloadError: a field of the command that cannot be encoded; nothing was sent.
             StationEnded, BrokerRefused: the stations have ended; nothing was sent.
         """
         return best([fog._place for fog in (self.fogs if fogs is None else fogs)], command, ttl_s, limit_s)
@@ -224,7 +219,7 @@ class Fleets:
 
 
 class _Joined(Record[Event]):
-    """What several stations hear; it ends when the last of them has, with the first error."""
+    """The events of several stations; it ends with the last station, with the first error."""
 
     def __init__(self, stations: int) -> None:
         super().__init__()
@@ -239,7 +234,7 @@ class _Joined(Record[Event]):
 
 
 def _fleet_of(station: GroundStation) -> str:
-    """A station's fleet by its prefix; raises ConfigurationError for one that does not name a fleet beside others."""
+    """A station's fleet by its prefix; raises ConfigurationError for a prefix that is not fit among several fleets."""
     prefix = station.prefix
     if not all(_LEVEL.fullmatch(level) for level in prefix.removesuffix("/").split("/")):
         raise ConfigurationError(
@@ -250,7 +245,7 @@ def _fleet_of(station: GroundStation) -> str:
 
 
 def _check_apart(stations: Mapping[str, GroundStation]) -> None:
-    """Raises ConfigurationError where two stations would be taken for each other: by session, or by authority."""
+    """Raises ConfigurationError where two stations have the same session or authority and could be confused."""
     sessions: set[int] = set()
     authorities: dict[bytes, str] = {}
     for fleet, station in stations.items():

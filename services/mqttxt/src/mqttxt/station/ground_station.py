@@ -15,7 +15,7 @@ from ..core.settings import CONNECT_S, Settings
 from ..core.transport import Transport
 from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import Command
-from ..protocol.names import MAX_DRONE, check_number, check_station_name
+from ..protocol.names import MAX_DRONE, check_number, check_station_name, in_fleet
 from ..protocol.values import Encoding
 from ..security.names import Kind
 from .best import best
@@ -36,30 +36,29 @@ class GroundStation:
             (fog,) = await gs.connect([1])
             outcome = await fog.drone(1).takeoff(10)
 
-    Inside `async with` it connects, connects again by itself, and hears; at its end it gives up the control that it
-    has. Leaving raises BrokerRefused where the broker refused the connection or a subscription for good. It is entered
-    once.
+    Inside `async with` it connects, reconnects and receives; leaving gives up the control that it has. Leaving raises
+    BrokerRefused where the broker refused the connection or a subscription for good. It can be entered once.
 
     Parameters:
         url: `mqtt://[user:password@]host[:port]`, or `mqtts://…` for TLS.
         name: the station's name, 1 to 64 letters, digits, `_`, `.` or `-`; None: a random one.
         qos: MQTT's quality of service of commands, 0 or 1.
-        encoding: how payloads are written; both are read.
+        encoding: the encoding of payloads that it sends; it reads both.
         prefix: the prefix of every topic, as `acme/`.
         control: take control of every drone that is free; False: only watch.
-        bundles: ask for states together, at most once a second, and for a broadcast's words together.
-        ssl_context: what to trust and to show at `mqtts://` without an identity; None: the system's authorities.
+        bundles: receive states in bundles, at most once per second, and a broadcast's words together.
+        ssl_context: trust and certificate for `mqtts://` without an identity; None: trust the system's authorities.
         identity: the folder of this station's identity (`mqttxt keys issue station`), for `mqtts://` to a broker of
             its fleet; the station's name is then that of the identity.
-        signed: sign commands for their drones, end to end, and hear only what is signed; takes an identity. The whole
-            fleet signs, or none of it does.
-        signed_states: hear only states that are signed too; takes `signed`, and a whole fleet that signs states.
-        signed_readings: hear only readings that their sensors signed; takes `signed`, and a fleet that does so.
+        signed: sign commands end to end, for their drones, and accept only signed messages; needs an identity. The
+            whole fleet signs, or none of it does.
+        signed_states: accept only signed states, too; needs `signed`, and a whole fleet that signs states.
+        signed_readings: accept only readings that their sensors signed; needs `signed`, and a fleet that does so.
         insecure: allow `mqtt://` to other machines: nothing is encrypted, and anybody can command the drones.
         clock: the clock of this session; None: a new one on the system's monotonic clock.
 
     Raises:
-        ConfigurationError: a parameter that cannot be; the message names it.
+        ConfigurationError: an invalid parameter; the message names it.
     """
 
     def __init__(
@@ -132,10 +131,10 @@ class GroundStation:
             timeout_s: how long to wait, in seconds.
 
         Raises:
-            FogUnreachable: a fog has not confirmed in time. The message names what is missing of each: the connection
-                to the broker and why, the fog's activator, or its confirmation. The station goes on trying.
-            ConfigurationError: a number that cannot be a fog's, a timeout that is not above 0, or a station that was
-                not entered (`async with`).
+            FogUnreachable: a fog has not confirmed in time. For each such fog the message names what is missing: the
+                connection to the broker and why, the activator, or its confirmation. The station goes on trying.
+            ConfigurationError: an invalid fog number, a timeout that is not above 0, or a station that was not entered
+                (`async with`).
             StationEnded, BrokerRefused: the station has ended.
         """
         runner = self._runner
@@ -159,7 +158,7 @@ class GroundStation:
 
     @property
     def drones(self) -> list[Drone]:
-        """Every drone that one of its fogs knows, fog by fog."""
+        """Every drone that is known to one of its fogs, fog by fog."""
         return [drone for fog in self.fogs for drone in fog.drones]
 
     def fog(self, number: int) -> Fog:
@@ -173,8 +172,27 @@ class GroundStation:
         """
         return Fog(self._runner, self._runner.station.fog(number))
 
+    def drone(self, number: int) -> Drone:
+        """A drone that is known to a fog; where several know it, as seen by the one that reports it as reachable.
+
+        Parameters:
+            number: the drone's number, 1 to 250.
+
+        Raises:
+            FogUnreachable: no fog that `connect` was called with knows it, or several report it as reachable.
+            ConfigurationError: an invalid drone number.
+        """
+        check_number("drone", number, MAX_DRONE)
+        known = [drone for drone in self.drones if drone.number == number]
+        reached = [drone for drone in known if drone.is_reachable] or known[:1]
+        if len(reached) != 1:
+            fogs = ", ".join(in_fleet(drone.fleet, drone.fog) for drone in reached)
+            wrong = f"fogs {fogs} each say that it is reachable" if fogs else "no fog that is connected knows it"
+            raise FogUnreachable(f"drone {in_fleet(self._runner.fleet, number)}: {wrong}")
+        return reached[0]
+
     def events(self) -> EventStream:
-        """Everything that is heard from this call on: an asynchronous iterator that ends with the station.
+        """Every event from this call on, as an asynchronous iterator that ends with the station.
 
         It yields `Outcome`, `StateUpdate`, `Reachability`, `ControlChanged`, `PsmiList`, `QodsRanking`,
         `SensorReading` and `ListBehind`. Raises nothing; iterating raises BrokerRefused where the broker ended the
@@ -183,22 +201,22 @@ class GroundStation:
         return self._runner.listen()
 
     async def reload(self) -> None:
-        """Read the identity anew: a renewed key signs from now on, and a newer revocation list counts.
+        """Load the identity again: a renewed key signs from now on, and a newer revocation list takes effect.
 
-        Raises nothing: what cannot be used is logged, and changes nothing. Without an identity it does nothing.
+        Raises nothing: an unusable identity is logged and changes nothing. Without an identity it does nothing.
         """
         await self._runner.reload()
 
     async def share_list(self, timeout_s: float = CONNECT_S) -> int:
         """Wait until the cloud broker has this station's revocation list, or a newer one; returns the list's number.
 
-        A station with an identity publishes its list by itself; this says when that is done.
+        A station with an identity publishes its list anyway; this method waits until the broker has it.
 
         Parameters:
             timeout_s: how long to wait, in seconds.
 
         Raises:
-            FogUnreachable: it is not there in time; the message says what is missing.
+            FogUnreachable: the broker does not show it in time; the message says what is missing.
             ConfigurationError: the station has no identity, or the timeout is not above 0.
             StationEnded, BrokerRefused: the station ends before.
         """
@@ -207,14 +225,14 @@ class GroundStation:
         return await self._runner.share_list(timeout_s)
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Wait until something holds; it is looked at whenever something was heard, and twenty times a second.
+        """Wait until a condition holds. It is evaluated after every message, and twenty times per second.
 
         Parameters:
-            condition: returns whether it holds.
+            condition: called without arguments; returns whether it holds.
             timeout_s: how long to wait, in seconds.
 
         Raises:
-            TimeoutError: it does not hold in time.
+            TimeoutError: the condition does not hold in time.
             ConfigurationError: the timeout is not above 0.
             StationEnded, BrokerRefused: the station ends before.
         """
@@ -228,12 +246,13 @@ class GroundStation:
         ttl_s: float = TTL_S,
         limit_s: float | None = None,
     ) -> SentCommand[Outcome, Outcome | PsmiList]:
-        """Send a command to the drone that arrives first (PSMI); `await` gives the last word of whoever was sent.
+        """Send a command to the drone that arrives first (PSMI); `await` gives that drone's last word.
 
-        One fog chooses by itself and tries the next drone after a definite no. Of several, each reserves its best, and
-        the best of those gets the command; after a definite no the next. `async for` yields PSMI's lists too. Where
-        nobody was sent, the answer has no `drone` and says why. The choice goes on until somebody is sent or `ttl_s`
-        has passed, whether or not somebody waits for it; `Hold`, `Land` or `Return` from this station ends it.
+        A single fog chooses itself, and tries the next drone after a definite no. Where there are several fogs, or
+        commands are signed, each fog reserves its best drone and the best of these gets the command; after a definite
+        no, the next. `async for` yields PSMI's lists too. If no drone was sent, the answer has no `drone` but a reason.
+        The choice goes on, awaited or not, until a drone is sent or `ttl_s` has passed; `Hold`, `Land` or `Return` from
+        this station ends it.
 
         Parameters:
             command: a `Goto`.
@@ -244,8 +263,8 @@ class GroundStation:
         Raises:
             FogUnreachable: none of the activators is live; nothing was sent. Awaiting raises it where none of several
                 fogs answered, or the last one was lost before the command was sent to it.
-            ConfigurationError: another command, or a time that cannot be; nothing was sent.
-            PayloadError: a field of the command that cannot be carried; nothing was sent.
+            ConfigurationError: a command other than `Goto`, or an invalid time; nothing was sent.
+            PayloadError: a field of the command that cannot be encoded; nothing was sent.
             StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
         chosen = self.fogs if fogs is None else fogs
@@ -253,7 +272,7 @@ class GroundStation:
         return best(places, command, ttl_s, limit_s)
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = TAKEOVER_S) -> None:
-        """Take control of a fog's drones, whoever has it; all stations hear of it.
+        """Take control of a fog's drones from any holder; the drones' records tell all stations.
 
         Parameters:
             fog: the fog's number.
@@ -263,15 +282,14 @@ class GroundStation:
         Raises:
             FogUnreachable: `connect` was not called with the fog, its activator is not live, or it has not confirmed in
                 time.
-            ConfigurationError: a number that cannot be a drone's, or a timeout that is not above 0.
+            ConfigurationError: an invalid drone number, or a timeout that is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
-        numbers = None if drones is None else tuple(check_number("drone", number, MAX_DRONE) for number in drones)
-        await self._runner.take_over(fog, numbers, timeout_s)
+        await self.fog(fog).take_over(drones, timeout_s)
 
 
 def _name_of(name: str | None, identity: Identity | None) -> str:
-    """The station's name: that of its identity, the one asked for, or a random one; raises ConfigurationError."""
+    """The station's name: that of its identity, the given one, or a random one; raises ConfigurationError."""
     if identity is None:
         return check_station_name(name) if name is not None else f"gs-{secrets.token_hex(4)}"
     node = identity.certificate.node

@@ -1,4 +1,4 @@
-"""The ground station as a process: its connection, its role, and the tasks that wait for what it hears."""
+"""The ground station as a process: its connection, its role, and the tasks that wait for its events."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ AnEvent = TypeVar("AnEvent", bound=Event)
 
 
 class StationRunner(Runner):
-    """Runs one ground station's role, and hands what it hears to whoever follows a command, listens or waits."""
+    """Runs one ground station's role, and passes its events to followed commands, streams and waiting conditions."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class StationRunner(Runner):
         super().__init__(station, clock, identity=identity, lists={LINK: station.lists_topic})
         self.station = station
         self.fleet = ""
-        """What everything that is heard is said to be of, where this is one station of several fleets."""
+        """The fleet's name, which every event carries, where this is one station of several fleets."""
         client_id = f"mqttxt-{station.name}-{clock.session:08x}"
         self.links[LINK] = MqttLink(
             *(LINK, address, client_id, station.will, self),
@@ -72,7 +72,7 @@ class StationRunner(Runner):
         return self._running is not None
 
     def begin(self) -> None:
-        """Run until `leave`; raises StationEnded where it has run before, ConfigurationError for a loop that cannot."""
+        """Run until `leave`. Raises StationEnded if it has run before, ConfigurationError for an unfit event loop."""
         if self._running is not None:
             raise StationEnded("a ground station is entered once: make another GroundStation")
         loop = type(asyncio.get_running_loop())
@@ -83,7 +83,7 @@ class StationRunner(Runner):
         self._running.add_done_callback(lambda _: self._on_end())
 
     async def leave(self) -> None:
-        """End the choices, and say goodbye; raises nothing."""
+        """End the choices and stop the role cleanly; raises nothing."""
         assert self._running is not None
         try:
             await self.choices.end()
@@ -92,19 +92,19 @@ class StationRunner(Runner):
             await asyncio.wait({self._running})
 
     def result(self) -> None:
-        """Raises what broke the station, nothing where it was left."""
+        """Raises the error that ended the station; nothing where it was left."""
         assert self._running is not None
         if not self._running.cancelled():
             self._running.result()
 
     def check(self) -> None:
-        """Raises what ended the station, StationEnded where it was left."""
+        """Raises the error that ended the station, StationEnded where it was left; nothing while it runs."""
         error = self._ended_by()
         if error is not None:
             raise error
 
     def _ended_by(self) -> BaseException | None:
-        """What ended the station, from the moment on at which it sends nothing more."""
+        """The error that ended the station, from the moment on at which it sends nothing more; None before."""
         error = self.stopped_by()
         was_left = isinstance(error, asyncio.CancelledError) or (error is None and self._has_ended)
         return StationEnded("the ground station has ended") if was_left else error
@@ -122,7 +122,7 @@ class StationRunner(Runner):
         limit_s: float | None,
         answer: Callable[[Sequence[Outcome]], Answer],
     ) -> SentCommand[Answer, Outcome]:
-        """Send a command now and follow it; what `StationCommands.send` and `check` raise keeps it from being sent."""
+        """Send a command now and follow it. Raises what `StationCommands.send` and `check` raise, with nothing sent."""
         ttl_ms = ttl_ms_of(ttl_s)
         self.check()
         self.check_certificate(command)
@@ -150,16 +150,12 @@ class StationRunner(Runner):
         return self._follow(sent, last_word)
 
     def check_certificate(self, command: Command) -> None:
-        """A station whose certificate ends in flight can still bring its drones down (R11.11)."""
+        """Raises ConfigurationError for a wrong certificate, but not for commands that bring drones down (R11.11)."""
         wrong = self.identity.wrong if self.identity is not None else None
         if wrong is not None and not isinstance(command, OVERRIDING):
             raise ConfigurationError(
                 f"{command.name}: this station's certificate is {wrong}; expected hold, land or return"
             )
-
-    def check_right(self, command: Command, drone: int) -> None:
-        """Raises ConfigurationError where this station's certificate does not allow a command to a drone."""
-        self.station.commands.check_right(drone, command)
 
     def _follow(
         self, sent: tuple[CommandId, list[Output]], answer: Callable[[Sequence[Any]], Answer]
@@ -170,7 +166,7 @@ class StationRunner(Runner):
         return SentCommand(record, answer)
 
     def listen(self, record: Record[Event] | None = None) -> EventStream:
-        """Everything that is heard from now on, in a record that others may be heard in too."""
+        """Every event from now on, in a record that may receive other stations' events too."""
         record = Record[Event]() if record is None else record
         self._streams.add(record)
         if self._has_ended:
@@ -178,7 +174,7 @@ class StationRunner(Runner):
         return EventStream(record)
 
     def of_fleet(self, event: AnEvent) -> AnEvent:
-        """An event of this station's fleet, which names that where there are several."""
+        """An event with the fleet's name, where there are several fleets."""
         return replace(event, fleet=self.fleet) if self.fleet else event
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
@@ -191,9 +187,9 @@ class StationRunner(Runner):
                 await self._carried_out.wait()
 
     async def share_list(self, timeout_s: float) -> int:
-        """The number of the revocation list that the cloud broker has, once it is this station's or a newer one.
+        """Wait until the cloud broker has this station's revocation list or a newer one; returns the list's number.
 
-        Raises FogUnreachable where that does not come about in time.
+        Raises FogUnreachable where the broker does not show it in time.
         """
         _check_timeout(timeout_s)
         assert self.identity is not None
@@ -212,9 +208,9 @@ class StationRunner(Runner):
     async def transfer(
         self, transfer: Transfer, timeout_s: float | None, on_news: Callable[[], Awaitable[None]] | None = None
     ) -> None:
-        """Carry an object, and wait until it is there; raises TransferFailed where it will not be.
+        """Transfer an object, and wait until it has arrived; raises TransferFailed where it fails or takes too long.
 
-        `on_news` is awaited whenever the transfer has news; what it raises ends the transfer.
+        `on_news` is awaited whenever the transfer has news; an exception in it ends the transfer.
         """
         if timeout_s is not None:
             _check_timeout(timeout_s)
@@ -253,7 +249,7 @@ class StationRunner(Runner):
         self.carry_out(self.station.claim(fog, drone, wanted, self.clock.now_ms()))
 
     def missing(self, view: FogView) -> str:
-        """What a fog lacks before commands can be sent to it."""
+        """Why commands cannot be sent to a fog yet, for an error."""
         link = self.links[LINK]
         if not self.station.connected:
             return f"no connection to {link.address}{f' ({link.failure})' if link.failure else ''}"
@@ -291,7 +287,7 @@ class StationRunner(Runner):
         self._end_all()
 
     def _end_all(self) -> None:
-        """Nobody waits in vain for a station that has ended."""
+        """End every followed command and every stream, so that no task waits for a station that has ended."""
         error = self._ended_by()
         while self._open:
             self._open.popitem()[1].end(error)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar, cast
 
-from ...errors import ConfigurationError, PayloadError, TransferFailed
+from ...errors import ConfigurationError, NotInControl, PayloadError, TransferFailed
 from ...protocol.commands import Command, UploadPlan
 from ...protocol.logs import LOGS, FlightLog, unpack_logs
 from ...protocol.names import in_fleet
@@ -27,26 +27,18 @@ from .commands import TTL_S, DroneCommands
 
 TAKEOVER_S = 10.0
 UPLOAD_TTL_S = 30.0
-"""How soon an upload has to begin: the drone reads what its autopilot has before."""
+"""Within how many seconds an upload must begin: the drone first reads the plan that its autopilot has."""
 _STAGINGS = 3
-"""How often a plan is staged that the drone does not have any more once it is committed: it was started anew."""
+"""How often a plan is staged at most. A drone that restarts before the commit no longer has it."""
 
 AState = TypeVar("AState", bound=State)
 AVitalState = TypeVar("AVitalState", bound=VitalState)
 AnObject = TypeVar("AnObject")
 
 
-class NotInControl(ConfigurationError):
-    """This station does not control the drone; `holder` is the name of the one that does, None where nobody does."""
-
-    def __init__(self, drone: str, holder: str | None) -> None:
-        super().__init__(f"drone {drone}: expected this station in control, not {holder or 'nobody'}")
-        self.holder = holder
-
-
 @dataclass(frozen=True)
 class KnownState(Generic[AState]):
-    """A state as it was last heard.
+    """A state as it last arrived.
 
     Parameters:
         state: the value.
@@ -60,17 +52,17 @@ class KnownState(Generic[AState]):
 class Drone(DroneCommands):
     """One drone, as its ground station sees it: `Fog.drone` and `Fog.drones` return it.
 
-    Each of its commands is sent by the call. `await` gives the drone's one last word; `async for` follows every word up
-    to that one (`SentCommand`). They all take, beside what the command has of its own:
+    Calling a command's method sends it. `await` gives the drone's one last word; `async for` yields every word up to
+    that one (`SentCommand`). Besides its own parameters, each of these methods has:
 
     Parameters:
-        ttl_s: seconds within which the execution must start, at most 60. A command that comes later is not executed.
+        ttl_s: seconds within which the execution must start, at most 60. A command that arrives later is not executed.
         limit_s: seconds within which the execution must end; None: the command's own limit.
 
     Raises:
         FogUnreachable: the fog's activator is not live; nothing was sent.
-        ConfigurationError: a time that cannot be; nothing was sent.
-        PayloadError: a field of the command that cannot be carried; nothing was sent.
+        ConfigurationError: an invalid time; nothing was sent.
+        PayloadError: a field of the command that cannot be encoded; nothing was sent.
         StationEnded, BrokerRefused: the station has ended; nothing was sent.
     """
 
@@ -95,41 +87,41 @@ class Drone(DroneCommands):
         return self._runner.fleet
 
     def __str__(self) -> str:
-        """As it is named, `1`, and among several fleets `acme/1`."""
+        """Its name: `1`, or `acme/1` among several fleets."""
         return in_fleet(self.fleet, self.number)
 
     @property
     def is_reachable(self) -> bool:
-        """Whether its fog is live and says that the drone is there."""
+        """Whether its fog is live and reports the drone as reachable."""
         return self._view.reachable
 
     @property
     def is_controlled(self) -> bool:
-        """Whether this station is in control of it; not from `release` on, until its fog has answered a new `claim`."""
+        """Whether this station controls it; False from `release` until its fog has answered a new `claim`."""
         return self._fog.controls(self.number)
 
     @property
     def holder(self) -> str | None:
-        """The name of the station in control, None when nobody is."""
+        """The name of the station in control, None if there is none."""
         return self._view.holder
 
     def claim(self) -> None:
-        """Want control of this drone while nobody has it, from now on; `is_controlled` tells when it came.
+        """Claim control of this drone whenever it is free, from now on; `is_controlled` shows when it was granted.
 
-        For a station with `control=False`, which wants no others.
+        For a station with `control=False`, which wants control of no drone that it has not claimed.
 
         Raises:
-            ConfigurationError: the station wants all drones as it is.
+            ConfigurationError: the station wants all drones anyway.
             StationEnded, BrokerRefused: the station has ended.
         """
         self._runner.claim(self._fog.number, self.number, wanted=True)
 
     def release(self) -> None:
-        """Give up control of this drone and do not want it any more; errors as `claim`."""
+        """Give up control of this drone and claim it no longer; errors as `claim`."""
         self._runner.claim(self._fog.number, self.number, wanted=False)
 
     async def take_over(self, timeout_s: float = TAKEOVER_S) -> None:
-        """Take control of this drone, whoever has it; `timeout_s` and errors as `Fog.take_over`.
+        """Take control of this drone from any holder; `timeout_s` and errors as `Fog.take_over`.
 
         A station with `control=False` keeps it only where it has claimed the drone.
         """
@@ -137,14 +129,14 @@ class Drone(DroneCommands):
 
     @property
     def location(self) -> KnownState[Location] | None:
-        """Where it is, with the age of that; None before it was heard."""
+        """The drone's newest position with its age; None before the first."""
         return self.state(Location)
 
     def state(self, kind: type[AVitalState]) -> KnownState[AVitalState] | None:
-        """The newest state of a kind with its age; None before one was heard.
+        """The newest state of a kind with its age; None before the first.
 
         Parameters:
-            kind: one of the classes in `STATES`, as `Battery`. A MAVLink message is in `states`, by its name.
+            kind: one of the classes in `STATES`, such as `Battery`. A MAVLink message is in `states`, by its name.
         """
         return cast("KnownState[AVitalState] | None", self.states.get(kind.name))
 
@@ -157,7 +149,7 @@ class Drone(DroneCommands):
 
     @property
     def readings(self) -> list[SensorReading]:
-        """The newest reading of each kind of each sensor that this drone carries for."""
+        """The newest reading of each kind from each sensor whose readings this drone carries."""
         latest = self._runner.station.readings.latest
         return [self._runner.of_fleet(latest[key]) for key in sorted(latest) if key[0] == self.number]
 
@@ -167,7 +159,7 @@ class Drone(DroneCommands):
         """Send any command; `ttl_s`, `limit_s` and the errors are those of `Drone`.
 
         Parameters:
-            command: what to do.
+            command: the command.
         """
         return self._runner.send(self._fog, self._number, command, ttl_s, limit_s, last_word)
 
@@ -179,27 +171,27 @@ class Drone(DroneCommands):
         ttl_s: float = UPLOAD_TTL_S,
         progress: Callable[[int, int], None] | None = None,
     ) -> Outcome:
-        """Replace the drone's plan; returns the last word, completed when what was read back is that plan.
+        """Replace the drone's plan; returns the last word: completed when the plan that was read back is this one.
 
-        The plan is carried first, which has no deadline and goes on after a broken connection; then it is committed.
-        A drone that this station does not control is not sent the plan, and the word says who controls it.
+        The plan is first transferred, without a deadline and across broken connections, and then committed. A drone
+        that this station does not control is not sent the plan, and the word names the station in control.
 
         Parameters:
-            plan: what to upload.
-            timeout_s: how long to carry it at most, in seconds; None: as long as it takes.
-            progress: called with the bytes of the plan, compressed, that the drone has, and with those of the whole.
+            plan: the plan.
+            timeout_s: how long the transfer may take, in seconds; None: no limit. A repeated transfer has it again.
+            progress: called with how many bytes of the compressed plan the drone has, and with how many it has in all.
 
         Raises:
-            TransferFailed: the plan was not carried in time, or the drone does not keep it; the old plan is there.
+            TransferFailed: the plan was not transferred in time, or the drone refused it; the old plan remains.
             FogUnreachable: the activator is not live; nothing was committed.
-            ConfigurationError: a time that cannot be, or a right that is missing; nothing was committed.
-            PayloadError: a plan that cannot be carried; nothing was sent.
+            ConfigurationError: an invalid time, or a missing right; nothing was committed.
+            PayloadError: a plan that cannot be encoded; nothing was sent.
             StationEnded, BrokerRefused: the station has ended.
         """
         packed = plan.content.packed()
         staging = Staging(self._fog, self.number, PLAN, packed)
         command = UploadPlan(staging.hash)
-        self._runner.check_right(command, self.number)
+        self._runner.station.commands.check_right(self.number, command)
         for _ in range(_STAGINGS):
             if self.is_controlled:
                 staging = Staging(self._fog, self.number, PLAN, packed)
@@ -210,14 +202,15 @@ class Drone(DroneCommands):
         return last
 
     async def download(self, *, timeout_s: float = 120.0) -> Plan:
-        """The plan that the autopilot has now, all three lists; `Plan.save` makes a file of it.
+        """Fetch the plan that the autopilot has now, all three lists; `Plan.save` writes it to a file.
 
         Parameters:
             timeout_s: how long to wait for all of it, in seconds.
 
         Raises:
-            TransferFailed: the drone has not given it in time, or cannot read it.
-            ConfigurationError: this station does not control the drone, or the timeout is not above 0.
+            TransferFailed: the drone did not deliver it in time, or cannot read it.
+            NotInControl: this station does not control the drone.
+            ConfigurationError: the timeout is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
         content = await self._fetched(PLAN, PlanObject.unpacked, timeout_s)
@@ -228,15 +221,16 @@ class Drone(DroneCommands):
         )
 
     async def parameters(self, known: Parameters | None = None, *, timeout_s: float = 300.0) -> Parameters:
-        """The parameters that the autopilot has now.
+        """Fetch the parameters that the autopilot has now.
 
         Parameters:
-            known: parameters of this drone from before, so that only what has changed since is carried.
+            known: earlier parameters of this drone; then only the changes since are transferred.
             timeout_s: how long to wait for all of them, in seconds.
 
         Raises:
-            TransferFailed: the drone has not given them in time, or cannot read them.
-            ConfigurationError: this station does not control the drone, or the timeout is not above 0.
+            TransferFailed: the drone did not deliver them in time, or cannot read them.
+            NotInControl: this station does not control the drone.
+            ConfigurationError: the timeout is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
         base = known.content if known is not None else None
@@ -249,14 +243,15 @@ class Drone(DroneCommands):
         return await self._fetched(PARAMETERS, unpack, timeout_s, base.hash if base is not None else None)
 
     async def logs(self, *, timeout_s: float = 60.0) -> tuple[FlightLog, ...]:
-        """The flight logs that the autopilot has now, in the order of their numbers. The drone has to be disarmed.
+        """List the flight logs that the autopilot has now, in the order of their numbers. The drone must be disarmed.
 
         Parameters:
             timeout_s: how long to wait for the list, in seconds.
 
         Raises:
-            TransferFailed: the drone has not given it in time, is armed, or its autopilot does not answer.
-            ConfigurationError: this station does not control the drone, or the timeout is not above 0.
+            TransferFailed: the drone did not deliver it in time, is armed, or its autopilot does not answer.
+            NotInControl: this station does not control the drone.
+            ConfigurationError: the timeout is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
         return await self._fetched(LOGS, unpack_logs, timeout_s)
@@ -270,23 +265,23 @@ class Drone(DroneCommands):
         timeout_s: float | None = None,
         progress: Callable[[LogProgress], None] | None = None,
     ) -> None:
-        """Write one of the logs that `logs` has given into a file, in the place of one that is there.
+        """Download one of the logs that `logs` listed into a file; an existing file is replaced.
 
-        The drone reads the log from its autopilot first, for which it has to be disarmed, and then hands it on, in
-        flight too. What breaks off goes on where it was: what has come is beside `path`, in a hidden file, until the
-        log is whole and its hash is right.
+        The drone first reads the log from its autopilot, for which it must be disarmed, and then sends it, in flight
+        too. An interrupted download continues where it stopped: the received bytes are in a hidden file beside `path`
+        until the log is whole and its hash is right.
 
         Parameters:
-            log: which.
+            log: the log, as `logs` returned it.
             path: the file.
-            most_bytes_s: how many bytes to carry in a second at most, 1024 or more.
-            timeout_s: how long to take at most, in seconds; None: as long as it takes.
-            progress: called with how far it is, from time to time.
+            most_bytes_s: how many bytes to transfer per second at most, 1024 or more.
+            timeout_s: how long the download may take, in seconds; None: no limit.
+            progress: called from time to time with the progress.
 
         Raises:
-            TransferFailed: the drone has not given it in time, is armed, does not have it any more, or cannot keep it.
-            ConfigurationError: this station does not control the drone, or the file cannot be written; a number that
-                cannot be.
+            TransferFailed: the drone did not deliver it in time, is armed, no longer has it, or cannot store it.
+            NotInControl: this station does not control the drone.
+            ConfigurationError: the file cannot be written, or a number is invalid.
             StationEnded, BrokerRefused: the station has ended.
         """
         self._check_control()
@@ -302,7 +297,7 @@ class Drone(DroneCommands):
     async def _fetched(
         self, kind: str, unpack: Callable[[bytes], AnObject], timeout_s: float, known: bytes | None = None
     ) -> AnObject:
-        """The newest object of a kind; `known` is the hash of one from before, where that may be all that comes."""
+        """Fetch the newest object of a kind, or its changes since the object whose hash is `known`."""
         self._check_control()
         fetching = Fetching(self._fog, self.number, kind, known)
         await self._runner.transfer(fetching, timeout_s)
@@ -317,7 +312,7 @@ class Drone(DroneCommands):
 
 
 def _telling(staging: Staging, size: int, progress: Callable[[int, int], None] | None) -> Callable[[], Awaitable[None]]:
-    """What passes on how far a plan has come."""
+    """A callback that reports the progress of a staging."""
 
     async def tell() -> None:
         staging.told = staging.done

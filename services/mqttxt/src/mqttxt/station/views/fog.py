@@ -33,12 +33,12 @@ class Fog:
 
     @property
     def is_live(self) -> bool:
-        """Whether its activator is there: it says so, and its beacons keep coming."""
+        """Whether its activator is up and its beacons keep arriving."""
         return self._view.is_live(self._runner.clock.now_ms())
 
     @property
     def drones(self) -> list[Drone]:
-        """Every drone that the fog knows, by number."""
+        """Every drone that is known to the fog, by number."""
         numbers = {*self._view.drones, *self._view.configured}
         return [Drone(self._runner, self._view, number) for number in sorted(numbers)]
 
@@ -49,7 +49,7 @@ class Fog:
             number: the drone's number, 1 to 250.
 
         Raises:
-            ConfigurationError: the number cannot be a drone's.
+            ConfigurationError: an invalid drone number.
         """
         return Drone(self._runner, self._view, check_number("drone", number, MAX_DRONE))
 
@@ -58,16 +58,16 @@ class Fog:
         """QoDS: the available drones, best first, as the activator last ranked them."""
         return self._view.ranking
 
-    async def take_over(self, timeout_s: float = TAKEOVER_S, *, drones: tuple[int, ...] | None = None) -> None:
-        """Take control of drones of the fog, whoever has it.
+    async def take_over(self, drones: tuple[int, ...] | None = None, timeout_s: float = TAKEOVER_S) -> None:
+        """Take control of drones of the fog from any holder.
 
         Parameters:
-            timeout_s: how long to wait for the confirmation, in seconds.
             drones: the drones' numbers; None: all of the fog.
+            timeout_s: how long to wait for the confirmation, in seconds.
 
         Raises:
             FogUnreachable: the activator is not live, or has not confirmed in time.
-            ConfigurationError: a number that cannot be a drone's, or a timeout that is not above 0.
+            ConfigurationError: an invalid drone number, or a timeout that is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
         numbers = None if drones is None else tuple(check_number("drone", number, MAX_DRONE) for number in drones)
@@ -85,8 +85,8 @@ class Fog:
 
         Raises:
             FogUnreachable: the activator is not live; nothing was sent.
-            ConfigurationError: another command, or a time that cannot be; nothing was sent.
-            PayloadError: a field of the command that cannot be carried; nothing was sent.
+            ConfigurationError: another command, or an invalid time; nothing was sent.
+            PayloadError: a field of the command that cannot be encoded; nothing was sent.
             StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
         return best([self._place], command, ttl_s, limit_s)
@@ -94,17 +94,17 @@ class Fog:
     def broadcast(
         self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
     ) -> SentCommand[Outcomes, Outcome]:
-        """Send a command to every drone of the fog, by this call; `await` gives each drone's last word.
+        """Send a command to every drone of the fog with this call; `await` gives each drone's last word.
 
         Parameters:
-            command: one that is the same for every drone: no `Goto`, `Offboard` or `Mavlink`.
+            command: `Arm`, `Disarm`, `Takeoff`, `Land`, `Hold`, `Return`, `Stream` or `Pause`.
             ttl_s: seconds within which the execution must start, at most 60.
             limit_s: seconds within which the execution must end; None: the command's own limit.
 
         Raises:
             FogUnreachable: the activator is not live; nothing was sent.
-            ConfigurationError: another command, or a time that cannot be; nothing was sent.
-            PayloadError: a field of the command that cannot be carried; nothing was sent.
+            ConfigurationError: another command, or an invalid time; nothing was sent.
+            PayloadError: a field of the command that cannot be encoded; nothing was sent.
             StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
         return self._runner.send(self._view, None, command, ttl_s, limit_s, Outcomes.of)
