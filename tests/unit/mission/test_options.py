@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from mission.__main__ import app
 from mission.options import parse_fleet, parse_urls
 
+FORMS = "mqtt://HOST[:PORT] or mqtts://HOST[:PORT], with a port from 1 to 65535"
 GOOD = {"--fleet": "1:1,2;2:4", "--cloud": "mqtt://127.0.0.1:1", "--events": "events.jsonl"}
 
 
@@ -37,7 +38,7 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
         ({"streams": "all"}, "--streams 'all': expected one of px4-onboard, px4-gcs, five-states"),
         ({"commanding": "both"}, "--commanding 'both': expected one of one-by-one, concurrent"),
         ({"cloud": ""}, "--cloud '': expected the cloud broker, mqtt://HOST[:PORT]"),
-        ({"cloud": "http://a"}, "broker 'http://a': expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]"),
+        ({"cloud": "http://a"}, f"broker 'http://a': expected {FORMS}"),
         ({"protocol": "mavlink"}, "--mavlink '': expected udpin://HOST:PORT, as udpin://0.0.0.0:14540"),
         (
             {"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14540,14541"},
@@ -73,7 +74,7 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
                 **{"scenario": "scenario-4", "sensors": ".", "series": "/tmp/not-there-series.json"},
                 **{"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14540", "sensor-broker": "here"},
             },
-            "--sensor-broker 'here': expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]",
+            f"--sensor-broker 'here': expected {FORMS}",
         ),
         ({"scenario": "messages"}, "--fleet: 3 drones: expected one for messages, as 1:1"),
         ({"scenario": "messages", "fleet": "1:1", "count": "0"}, "--count 0: expected 1 to 1000"),

@@ -95,7 +95,7 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ),
         (
             "conformance activator --broker mqtt://[::1] --fog-broker mqtt://[::1] --second-fog-broker mqtt://[::1]",
-            "--second-fog-broker mqtt://::1:1883: expected another broker",
+            "--second-fog-broker mqtt://[::1]:1883: expected another broker",
         ),
         (
             "uav --drone 1 --broker mqtt://127.0.0.1 --second-broker x",

@@ -13,10 +13,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mqttxt.cli.activator import _drone_numbers
-from mqttxt.cli.broker import address_of
 from mqttxt.cli.parameters import parse_command
+from mqttxt.core.address import BrokerAddress, address_of
 from mqttxt.core.effects import Publish, Subscribe
-from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.core.settings import Settings
 from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.mavlink.transports import AutopilotAddress

@@ -121,9 +121,9 @@ def test_another_machine_is_not_let_in(host: str) -> None:
         check_listen(host, 8080)
 
 
-@pytest.mark.parametrize(("host", "bare"), [("127.0.0.1", "127.0.0.1"), ("localhost", "localhost"), ("[::1]", "::1")])
-def test_this_machine_is(host: str, bare: str) -> None:
-    assert check_listen(host, 8080) == (bare, 8080)
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1"])
+def test_this_machine_is(host: str) -> None:
+    assert check_listen(host, 8080) == (host, 8080)
 
 
 @pytest.mark.parametrize(

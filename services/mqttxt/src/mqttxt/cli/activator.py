@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..core.address import BrokerAddress, whole_number
+from ..core.address import BrokerAddress, address_of, whole_number
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_root
-from .broker import address_of, broker_address
 from .common import (
     AuditPath,
     AuditRequired,
@@ -76,7 +75,7 @@ def activator(
     def make() -> ActivatorRunner:
         number = check_number("--fog", fog)
         transport = Transport.of(identity, insecure, f"fog{number}")
-        cloud_broker = transport.check(broker_address(cloud, "--cloud"), "--cloud")
+        cloud_broker = transport.check(BrokerAddress.parse(cloud, "--cloud"), "--cloud")
         embedded = None
         if fog_broker is not None and listen is not None:
             raise ConfigurationError(f"--listen {listen}: expected none beside --fog-broker, which runs elsewhere")
@@ -87,7 +86,7 @@ def activator(
             raise ConfigurationError(f"--broker-identity {broker_identity}: expected none beside --fog-broker")
         fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
         advertised = embedded.url_towards(cloud_broker.host, cloud_broker.port) if embedded is not None else None
-        first = transport.check(broker_address(fog_url, "--fog-broker"), "--fog-broker")
+        first = transport.check(BrokerAddress.parse(fog_url, "--fog-broker"), "--fog-broker")
         return ActivatorRunner(
             number,
             cloud_broker,
@@ -110,7 +109,7 @@ def activator(
 
 
 def _air(where: str | None, transport: Transport, signed: bool) -> tuple[str, int] | None:
-    """Where UAV clients come by datagrams, None where they do not; raises ConfigurationError."""
+    """The address for UAV clients that use datagrams, None without `--air-sn`; raises ConfigurationError."""
     if where is None:
         return None
     host, port = address_of(where, "--air-sn")

@@ -8,14 +8,14 @@ from typing import Annotated
 
 import typer
 
-from ..core.address import BrokerAddress, is_host, whole_number
+from ..core.address import address_of
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_FOG, check_prefix
 from .common import errors_as_lines, numbers_of
 
 
 class BrokerKind(StrEnum):
-    """Whose broker it is."""
+    """The place of the broker."""
 
     CLOUD = "cloud"
     FOG = "fog"
@@ -23,7 +23,7 @@ class BrokerKind(StrEnum):
 
 
 class Server(StrEnum):
-    """Which program is the broker."""
+    """The broker's program."""
 
     MOSQUITTO = "mosquitto"
     RABBITMQ = "rabbitmq"
@@ -70,20 +70,3 @@ def broker(
         if server is Server.RABBITMQ and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--server {server}: expected at the cloud broker alone")
         typer.echo(rabbitmq.write(files, out) if server is Server.RABBITMQ else files.write(out, host, port))
-
-
-def broker_address(url: str, option: str, datagrams: bool = False) -> BrokerAddress:
-    """Where a broker is, of an option; raises ConfigurationError."""
-    try:
-        return BrokerAddress.parse(url, option, datagrams)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{error}, with a port from 1 to 65535") from None
-
-
-def address_of(text: str, option: str) -> tuple[str, int]:
-    """A HOST:PORT to listen at; raises ConfigurationError."""
-    host, _, port = text.rpartition(":")
-    number = whole_number(port, 65_535)
-    if not is_host(host) or number is None:
-        raise ConfigurationError(f"{option} {text!r}: expected HOST:PORT, with a port from 1 to 65535")
-    return host, number

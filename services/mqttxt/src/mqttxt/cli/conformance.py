@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..core.address import BrokerAddress
+from ..core.address import BrokerAddress, address_of
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_prefix, check_root
-from .broker import address_of, broker_address
 from .common import run_coroutine
 from .node_options import autopilot_address
 
@@ -95,7 +94,7 @@ def uav(
         if where.kind != "udp":
             raise ConfigurationError(f"--autopilot {autopilot!r}: expected udp:HOST:PORT")
         number, root = check_number("--drone", drone, MAX_DRONE), check_root(fog_root)
-        address = broker_address(broker, "--broker", datagrams=True)
+        address = BrokerAddress.parse(broker, "--broker", datagrams=True)
         if address.datagrams and (fleet or signed or second_broker):
             raise ConfigurationError(
                 f"--broker {address}: expected neither --fleet, --signed nor --second-broker beside it"
@@ -142,12 +141,12 @@ def activator(
 
     async def job() -> int:
         number, root = check_number("--fog", fog), check_root(fog_root)
-        cloud_address = broker_address(broker, "--broker")
+        cloud_address = BrokerAddress.parse(broker, "--broker")
         folder = _folder(fleet, signed, cloud_address, signed_readings)
         if folder is not None and not folder.signed:
             raise ConfigurationError(f"--fleet {fleet}: expected --signed beside it")
-        fog_address = broker_address(fog_broker, "--fog-broker")
-        second = broker_address(second_fog_broker, "--second-fog-broker") if second_fog_broker else None
+        fog_address = BrokerAddress.parse(fog_broker, "--fog-broker")
+        second = BrokerAddress.parse(second_fog_broker, "--second-fog-broker") if second_fog_broker else None
         if second is not None and (folder is not None or second == fog_address):
             raise ConfigurationError(f"--second-fog-broker {second}: expected another broker, and no --fleet beside it")
         target = ActivatorTarget(number, check_prefix(prefix), root, run, log, folder, second)
@@ -192,7 +191,7 @@ def gs(
     async def job() -> int:
         numbers = check_number("--fog", fog), check_number("--drone", drone, MAX_DRONE)
         check_times(ttl)
-        address = broker_address(broker, "--broker")
+        address = BrokerAddress.parse(broker, "--broker")
         folder = _folder(fleet, signed, address, signed_readings)
         target = GsTarget(*numbers, check_prefix(prefix), ttl, run, log, folder)
         if run is None:
@@ -238,10 +237,10 @@ def broker(
 
 
 def _second(url: str | None, first: BrokerAddress) -> BrokerAddress | None:
-    """The second broker; the kit relays to both, which it can on this machine alone. Raises ConfigurationError."""
+    """The second broker; the kit relays to both, which works on this machine only. Raises ConfigurationError."""
     if url is None:
         return None
-    second = broker_address(url, "--second-broker")
+    second = BrokerAddress.parse(url, "--second-broker")
     if not (second.is_loopback and first.is_loopback):
         raise ConfigurationError(f"--second-broker {second}: expected two brokers on this machine, as mqtt://127.0.0.1")
     if second.tls != first.tls or (second.host, second.port) == (first.host, first.port):
@@ -250,7 +249,7 @@ def _second(url: str | None, first: BrokerAddress) -> BrokerAddress | None:
 
 
 def _identity(folder: Path | None) -> Identity | None:
-    """Any node's identity; raises ConfigurationError where it cannot be used."""
+    """A node's identity, None without a folder; raises ConfigurationError if it cannot be used."""
     if folder is None:
         return None
     from ..security.identity import Identity
@@ -259,7 +258,7 @@ def _identity(folder: Path | None) -> Identity | None:
 
 
 def _folder(fleet: Path | None, signed: bool, address: BrokerAddress, signed_readings: bool = False) -> Folder | None:
-    """The fleet that the kit is part of; raises ConfigurationError."""
+    """The fleet of the kit, None without `--fleet`; raises ConfigurationError."""
     from mqttxt_conformance.sealed import Folder
 
     if signed_readings and not signed:
@@ -276,7 +275,7 @@ def _folder(fleet: Path | None, signed: bool, address: BrokerAddress, signed_rea
 
 
 async def _report(role: str, format_: str, check: Checking, side: str | None = None, name: str | None = None) -> int:
-    """Check, print, and say by the exit code whether a rule failed; of a broker, one that its `side` needs."""
+    """Check and print; the exit code is 1 if a rule failed, for a broker one that its `side` needs."""
     from rich.console import Console
 
     from mqttxt_conformance.report import as_json, failures, print_table

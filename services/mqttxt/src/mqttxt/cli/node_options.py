@@ -1,4 +1,4 @@
-"""What an activator and a UAV client have in common: options, and the embedded broker."""
+"""Common to an activator and a UAV client: options, and the embedded broker."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..core.address import BrokerAddress
+from ..core.address import BrokerAddress, address_of
 from ..errors import ConfigurationError
-from .broker import address_of, broker_address
 from .common import named
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ BrokerIdentity = Annotated[
 
 
 def autopilot_address(text: str) -> AutopilotAddress:
-    """Where the autopilot is, of `--autopilot`; raises ConfigurationError."""
+    """The autopilot's address from `--autopilot`; raises ConfigurationError."""
     from ..drone.mavlink.transports import AutopilotAddress
 
     with named("--autopilot"):
@@ -47,9 +46,9 @@ def embedded_broker(
     cuts: bool = True,
     air: bool = False,
 ) -> EmbeddedBroker:
-    """A broker of this node's own; with an identity of the node it has one too, raises ConfigurationError without.
+    """The node's embedded broker. If the node has an identity, the broker needs one too; raises ConfigurationError.
 
-    `air`: its drones may come through its fog.
+    `air`: drones may connect through the fog's activator.
     """
     from ..core.embedded_broker import EmbeddedBroker
     from ..security.broker import BrokerFiles
@@ -72,10 +71,10 @@ def embedded_broker(
 
 
 def second_address(url: str | None, option: str, transport: Transport, *others: BrokerAddress) -> BrokerAddress | None:
-    """The second of a fog's brokers, None where none was given; raises ConfigurationError."""
+    """The address of a fog's second broker, None without `url`; raises ConfigurationError."""
     if url is None:
         return None
-    address = transport.check(broker_address(url, option), option)
+    address = transport.check(BrokerAddress.parse(url, option), option)
     if any((address.host, address.port) == (other.host, other.port) for other in others):
         raise ConfigurationError(f"{option} {address}: is another option's address too; expected one of its own")
     return address

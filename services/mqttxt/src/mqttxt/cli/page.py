@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from ..core.address import address_of
 from ..errors import ConfigurationError
 from .advice import connect
-from .broker import address_of
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
 from .gs import Json, Qos
 from .station import FogNumbers, StationOptions, of_a_station
@@ -59,7 +59,7 @@ def page(
 
 
 async def whole_paths(tiles: str | None, places: str | None) -> tuple[str | None, str | None]:
-    """`--tiles` and `--places` for a page in another folder; raises ConfigurationError for what it could not show."""
+    """`--tiles` and `--places` as absolute paths, for a page in another folder; raises ConfigurationError."""
     from ..page.places import load
 
     load(places)

@@ -1,4 +1,4 @@
-"""Commands as a person types them: a name, and its parameters in their order."""
+"""Commands as people type them: a name, and its parameters in order."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.codec import layout_of
 from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
-from ..protocol.fields import Binary, Finite, Integer, Scaled, Text
+from ..protocol.fields import FLOAT32_MAX, Binary, Finite, Integer, Scaled, Text
 from ..protocol.messages import Limit
 from ..protocol.values import mark_of
 
@@ -19,8 +19,6 @@ _NOT_SET = ("-", "nan")
 _OPTION = re.compile("--[a-zA-Z]")
 _LIMIT: Scaled = mark_of(Limit)
 _MAV_CMD = Integer(0, 2**16 - 1)
-_LARGEST = 3.4028234663852886e38
-"""Of a MAV_CMD's parameters: MAVLink's floats have 32 bits."""
 
 
 def parse_command(name: str, parameters: list[str]) -> Command:
@@ -36,14 +34,14 @@ def parse_command(name: str, parameters: list[str]) -> Command:
 
 
 def refuse_options(typed: list[str]) -> None:
-    """Raises ConfigurationError for a word that can only be meant as an option: those that exist were taken before."""
+    """Raises ConfigurationError for a word that looks like an option: existing options were taken out before."""
     for word in typed:
         if _OPTION.match(word):
             raise ConfigurationError(f"gs send: no such option: {word.partition('=')[0]}")
 
 
 def check_times(ttl_s: float, limit_s: float | None = None) -> None:
-    """Raises ConfigurationError for a `--ttl` or a `--limit` that no command can have."""
+    """Raises ConfigurationError for an invalid `--ttl` or `--limit`."""
     most_s = MAX_TTL_MS // 1000
     if not 0 < ttl_s <= most_s:
         raise ConfigurationError(f"--ttl {ttl_s:g}: expected more than 0 and at most {most_s} s")
@@ -69,7 +67,7 @@ def _mavlink(parameters: list[str]) -> Mavlink:
     number = numbers.get("MAV_CMD_" + parameters[0].upper().removeprefix("MAV_CMD_"))
     if number is None:
         number = _value("mavlink", "mav_cmd", _MAV_CMD, parameters[0])
-    wide = Scaled(1, -_LARGEST, _LARGEST)
+    wide = Scaled(1, -FLOAT32_MAX, FLOAT32_MAX)
     params = [
         None if text.lower() in _NOT_SET else _value("mavlink", f"param{index}", wide, text)
         for index, text in enumerate(parameters[1:], start=1)
@@ -78,7 +76,7 @@ def _mavlink(parameters: list[str]) -> Mavlink:
 
 
 def _fields(name: str, cls: type[Any], parameters: list[str]) -> Any:
-    """A dataclass of numbers and texts; what may be missing may be left out at the end."""
+    """A dataclass of numbers and texts; optional fields may be left out at the end."""
     fields = layout_of(cls).fields
     least = len([field for field in fields if not field.optional])
     if not least <= len(parameters) <= len(fields):
@@ -109,7 +107,7 @@ def _value(name: str, field: str, mark: Any, text: str) -> Any:
 
 
 def _decimal(text: str) -> float:
-    """The number in a text, NaN where it is none: `1_5` is 15 for Python, and nobody means that by it."""
+    """The number in a text, NaN if there is none. `1_5` is 15 for Python, which no user means."""
     try:
         return float(text) if text.isascii() and "_" not in text else float("nan")
     except ValueError:

@@ -14,7 +14,6 @@ from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_root
 from ..protocol.topics import FogSide
-from .broker import broker_address
 from .common import (
     AuditPath,
     AuditRequired,
@@ -150,7 +149,7 @@ def uav(
         if logs_limit_mb < 1:
             raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
         transport = Transport.of(identity, insecure, f"drone{number}")
-        first = transport.check(broker_address(broker, "--broker", datagrams=True), "--broker", signed)
+        first = transport.check(BrokerAddress.parse(broker, "--broker", datagrams=True), "--broker", signed)
         second = second_address(second_broker, "--second-broker", transport, first)
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(
@@ -187,7 +186,7 @@ def uav(
 
 
 def _own_fog(fog: int | None, signed: bool) -> int:
-    """The fog that a signing drone belongs to; raises ConfigurationError."""
+    """The fog of a signing drone, 0 without `--signed`; raises ConfigurationError."""
     if not signed and fog is not None:
         raise ConfigurationError(f"--fog {fog}: expected --signed beside it")
     if signed and fog is None:
@@ -210,7 +209,7 @@ def sensor_options(
     transport: Transport,
     broker_identity: Path | None = None,
 ) -> SensorOptions | None:
-    """Where sensors publish, None where nothing was asked for; raises ConfigurationError."""
+    """The broker of the sensors and the store of their readings, None without one; raises ConfigurationError."""
     from ..drone.sensors.port import SensorOptions
 
     if listen is not None and elsewhere is not None:
@@ -220,7 +219,7 @@ def sensor_options(
     if broker_identity is not None and listen is None:
         raise ConfigurationError(f"--broker-identity {broker_identity}: expected --sensors beside it")
     if elsewhere is not None:
-        address = broker_address(elsewhere, "--sensor-broker")
+        address = BrokerAddress.parse(elsewhere, "--sensor-broker")
         return SensorOptions(transport.check(address, "--sensor-broker"), store, limit)
     if listen is None:
         return None

@@ -1,4 +1,4 @@
-"""Where a broker is, as a person writes it; and hosts and numbers in any address."""
+"""Broker addresses as people write them; hosts and numbers in any address."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PASSWORD = re.compile(r"(://[^:/?#@]*:).*@", re.DOTALL)
 
 @dataclass(frozen=True)
 class BrokerAddress:
-    """Where a broker is: `mqtt://[user:password@]host[:port]`, `mqtts://` for TLS.
+    """The address of a broker: `mqtt://[user:password@]host[:port]`, `mqtts://` for TLS.
 
     `mqtt-sn://host[:port]` is an activator's gateway for MQTT-SN over UDP (`datagrams`).
     """
@@ -31,17 +31,17 @@ class BrokerAddress:
 
     @classmethod
     def parse(cls, url: str, what: str = "broker", datagrams: bool = False) -> BrokerAddress:
-        """Raises ConfigurationError where `url` is no broker's; a gateway's is one where `datagrams` says so."""
+        """Parse a broker's URL, or with `datagrams` a gateway's; raises ConfigurationError, which names it `what`."""
         schemes = ("mqtt", "mqtts", SN) if datagrams else ("mqtt", "mqtts")
         forms = [f"{scheme}://HOST[:PORT]" for scheme in schemes]
         shown = _PASSWORD.sub(r"\1***@", url)
-        wrong = f"{what} {shown!r}: expected {', '.join(forms[:-1])} or {forms[-1]}"
-        if not url.isprintable() or " " in url:  # some of these are left out by `urlsplit`
+        wrong = f"{what} {shown!r}: expected {', '.join(forms[:-1])} or {forms[-1]}, with a port from 1 to 65535"
+        if not url.isprintable() or " " in url:  # `urlsplit` drops some of these
             raise ConfigurationError(wrong)
         try:
             parts = urlsplit(url)
             port = parts.port
-        except ValueError:  # whose text may have a part of a password
+        except ValueError:  # its text may contain a part of the password
             raise ConfigurationError(wrong) from None
         has_user = parts.scheme == SN and "@" in parts.netloc  # no packet of MQTT-SN has a place for one
         beside = parts.path.strip("/") or parts.query or parts.fragment
@@ -60,14 +60,29 @@ class BrokerAddress:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether what is sent there stays on this machine."""
+        """Whether messages to this address stay on this machine."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return self.host == "localhost"
 
     def __str__(self) -> str:
-        return f"{SN if self.datagrams else 'mqtts' if self.tls else 'mqtt'}://{self.host}:{self.port}"
+        return f"{SN if self.datagrams else 'mqtts' if self.tls else 'mqtt'}://{host_port(self.host, self.port)}"
+
+
+def address_of(text: str, option: str) -> tuple[str, int]:
+    """Host and port of a HOST:PORT to listen at, `[::1]:1883` for IPv6; raises ConfigurationError."""
+    host, _, port = text.rpartition(":")
+    bare = host.removeprefix("[").removesuffix("]")
+    number = whole_number(port, 65_535)
+    if not is_host(bare) or number is None or f"{host}:{port}" != host_port(bare, number):
+        raise ConfigurationError(f"{option} {text!r}: expected HOST:PORT, with a port from 1 to 65535")
+    return bare, number
+
+
+def host_port(host: str, port: int) -> str:
+    """HOST:PORT, with an IPv6 address in brackets (RFC 3986, 3.2.2)."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def is_host(text: str) -> bool:
@@ -90,7 +105,7 @@ def is_taken(host: str, port: int) -> bool:
 
 
 def whole_number(text: str, most: int) -> int | None:
-    """The number from 1 to `most` in ASCII digits, None where `text` is none."""
+    """Parse a number from 1 to `most` in ASCII digits; None if `text` is not one."""
     if not (text.isascii() and text.isdecimal() and len(text) <= len(str(most))):
         return None
     return int(text) if 1 <= int(text) <= most else None

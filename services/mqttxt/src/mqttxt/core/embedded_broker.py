@@ -14,23 +14,25 @@ from ..errors import ConfigurationError
 from ..security.broker import BrokerFiles
 from ..security.revocation import RevocationList
 from . import mosquitto
-from .address import is_taken
+from .address import host_port, is_taken
 from .children import ENDS_WITH_PARENT, ending_with_parent
 from .disk import is_fault
 
 logger = logging.getLogger("mqttxt.broker")
 
+_OWN = {"0.0.0.0": "127.0.0.1", "::": "::1"}
+"""How this machine reaches a broker that listens on all interfaces."""
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
 STEADY_S = 10.0
-"""A broker that ran this long is started again without a longer pause."""
+"""After a broker ran for this long, the pause before its restart is the shortest one again."""
 
 
 class EmbeddedBroker:
-    """One Mosquitto on `host:port`, with `files` as a broker of the fleet. `run` keeps it running until cancelled.
+    """One Mosquitto on `host:port`; with `files`, it is a broker of the fleet. `run` keeps it running until cancelled.
 
-    `option` names its address in errors. `cuts`: it is started anew where a certificate was revoked whose name
-    stays in use, which ends that connection.
+    `option` and `instead` are the command-line options that errors name: for its address, and for an external broker.
+    `cuts`: it is restarted when a certificate is revoked whose name stays in use, to end that certificate's connection.
     """
 
     def __init__(
@@ -60,31 +62,30 @@ class EmbeddedBroker:
 
     @property
     def url(self) -> str:
-        """Where the activator itself reaches the broker."""
-        host = "127.0.0.1" if self.host in ("0.0.0.0", "") else self.host
-        return f"{self._scheme}://{host}:{self.port}"
+        """The URL by which the activator itself reaches the broker."""
+        return f"{self._scheme}://{host_port(_OWN.get(self.host, self.host), self.port)}"
 
     def url_towards(self, host: str, port: int) -> str:
-        """Where others reach the broker: on all interfaces, by the address of the one that leads to `host`.
+        """The URL by which others reach the broker; on all interfaces it has the address of the one towards `host`.
 
-        Where there is no way to `host` yet, by this machine's name: a fog may start before its uplink.
+        Without a route to `host` it has this machine's name: a fog may start before its uplink.
         """
-        if self.host != "0.0.0.0":
+        if self.host not in _OWN:
             return self.url
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        with socket.socket(socket.AF_INET6 if ":" in self.host else socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.connect((host, port))  # UDP: this only chooses the route
                 name = str(probe.getsockname()[0])
             except OSError:
                 name = socket.gethostname()
-        return f"{self._scheme}://{name}:{self.port}"
+        return f"{self._scheme}://{host_port(name, self.port)}"
 
     async def run(self) -> None:
-        """Start Mosquitto and start it again when it ends; raises ConfigurationError when it cannot start.
+        """Start Mosquitto, and restart it when it ends; raises ConfigurationError if it cannot start.
 
-        What ends by itself without ever having run cannot start. One that ran, or was killed, has to come back,
-        however young it was: its age says more about the machine than about it. Where a disk is full, fails or is
-        read-only, its files are written later.
+        It cannot start if it exits without ever having run. One that ran, or was killed, is restarted however briefly
+        it ran: that depends more on the machine than on Mosquitto. If the disk is full, failing or read-only, its
+        files are written later.
         """
         program = mosquitto.find(self._program)
         if program is None:
@@ -96,7 +97,7 @@ class EmbeddedBroker:
             await self._keep_running(program, await self._written(left))
 
     async def _written(self, left: contextlib.ExitStack) -> Path:
-        """The configuration, in a folder that `left` removes; written as soon as a disk takes it."""
+        """Write the configuration into a folder that `left` removes; retried until the disk can be written."""
         has_told = False
         while True:
             try:
@@ -126,7 +127,7 @@ class EmbeddedBroker:
     def reload(self, newest: RevocationList | None = None) -> None:
         """Let Mosquitto read its access list and the revocation list anew; raises ConfigurationError for bad files.
 
-        `newest` is the revocation list that the node has by now.
+        `newest` is this node's newest revocation list.
         """
         self._newest = newest
         if self._files is None or self._directory is None:
@@ -140,7 +141,7 @@ class EmbeddedBroker:
                 self._signal()
 
     def _kill(self, names: set[str]) -> bool:
-        """End Mosquitto, which is started anew, because SIGHUP cuts no connection; whether it ran."""
+        """Kill Mosquitto, so that it is restarted: SIGHUP would end no connection. Returns whether it ran."""
         process = self._process
         if process is None or process.returncode is not None:
             return False
@@ -149,7 +150,7 @@ class EmbeddedBroker:
         return True
 
     def _signal(self) -> None:
-        """Send the SIGHUP that is owed: one that comes before Mosquitto runs would end it."""
+        """Send a pending SIGHUP once Mosquitto runs; an earlier one would end it."""
         process = self._process
         if self._owes_reload and self._is_running and process is not None and process.returncode is None:
             self._owes_reload = False
@@ -163,7 +164,7 @@ class EmbeddedBroker:
             code, last_line = await self._run_once(program, configuration)
             lasted_s = loop.time() - started
             if code >= 0 and not self._has_run:
-                where = f"{self._option} {self.host}:{self.port}"
+                where = f"{self._option} {host_port(self.host, self.port)}"
                 if is_taken(self.host, self.port):
                     raise ConfigurationError(f"{where}: another program listens there; expected a free address")
                 raise ConfigurationError(f"{where}: Mosquitto ended with code {code}: {last_line}")
@@ -172,7 +173,7 @@ class EmbeddedBroker:
             await asyncio.sleep(pause_s)
 
     async def _run_once(self, program: str, configuration: Path) -> tuple[int, str]:
-        """Run Mosquitto to its end; returns its exit code and the last line that it wrote."""
+        """Run Mosquitto to its end; returns its exit code and its last line of output."""
         self._is_running = False
         process = self._process = await asyncio.create_subprocess_exec(
             program,

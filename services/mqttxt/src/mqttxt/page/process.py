@@ -1,10 +1,10 @@
-"""The page as a whole: its web server beside what it shows, on one event loop."""
+"""The page's program: its web server and its content, on one event loop."""
 
 from __future__ import annotations
 
 import logging
 
-from ..core.address import BrokerAddress
+from ..core.address import BrokerAddress, host_port
 from ..errors import ConfigurationError
 from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
@@ -19,14 +19,13 @@ logger = logging.getLogger("mqttxt.page")
 
 
 def check_listen(host: str, port: int) -> tuple[str, int]:
-    """Where to listen; raises ConfigurationError for anything but this machine."""
-    bare = host.removeprefix("[").removesuffix("]")
-    if not BrokerAddress(bare, port).is_loopback:
+    """The host and port on which to listen; raises ConfigurationError for anything but this machine."""
+    if not BrokerAddress(host, port).is_loopback:
         raise ConfigurationError(
-            f"--listen {host}:{port}: expected this machine, as 127.0.0.1:{port}: the page has no login, and whoever "
-            "opens it commands the drones"
+            f"--listen {host_port(host, port)}: expected this machine, as 127.0.0.1:{port}: the page has no login, and "
+            "whoever opens it commands the drones"
         )
-    return bare, port
+    return host, port
 
 
 async def serve(
@@ -42,14 +41,14 @@ async def serve(
     """Serve the page until cancelled, or until the station has ended.
 
     Parameters:
-        station: an entered station, or several as one; `control=False` where `watch_only`.
-        fogs: what it is connected to.
+        station: an entered station, or several as one; `control=False` if `watch_only`.
+        fogs: the fogs that it is connected to.
         host: a loopback address.
-        port: where to listen.
+        port: the port on which to listen.
         watch_only: no page can command.
-        links: shown and changed, too; None: there are none.
-        tiles: for the map; None: it has a grid alone.
-        places: shown on the map and found by their names.
+        links: links to show and change; None: none.
+        tiles: the map's tiles; None: it only has a grid.
+        places: places that the map shows and that are found by name.
 
     Raises:
         ConfigurationError: the server cannot listen there.
