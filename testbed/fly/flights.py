@@ -1,4 +1,4 @@
-"""What an attempt is flown with: compose.yaml's variables, the mission's command line, what to type by hand."""
+"""The settings of an attempt: compose.yaml's variables, the mission's command line, and commands to type by hand."""
 
 from __future__ import annotations
 
@@ -20,20 +20,16 @@ from .results import KEY_LOG
 
 EVENTS = "/run-dir/events.jsonl"
 CONTROL_DIR = "/run-dir/sitl"
-SCENARIO_LIMIT_S = 1500.0
-"""More than the limits of all steps of a scenario together: what takes longer hangs."""
-MESSAGE_LIMIT_S = 900.0
-"""The same for one message of each kind."""
 LINKS_START = "/run-dir/links/start"
 SN, AIR_PORT = "mqtt-sn", "1883"
-"""How UAV clients reach their fogs by datagrams; the port is UDP's."""
+"""The scheme and UDP port by which UAV clients reach their fogs with datagrams."""
 ENCODINGS = {"cbor": "", "json": "--json"}
 
 
 def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, str]:
-    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding or override.
+    """The values of compose.yaml's variables. Raises UserError for an unknown encoding or override.
 
-    Without routers the autopilots talk to the ground station themselves; MQTT-XT's clients are beside them always.
+    Without routers the autopilots send directly to the ground station; MQTT-XT's clients always run beside them.
     """
     if encoding not in ENCODINGS:
         raise UserError(f"ENCODING={encoding}: expected one of {', '.join(ENCODINGS)}")
@@ -67,23 +63,18 @@ def _one(plan: Plan) -> int:
 
 
 def profile_of(plan: Plan, protocol: str) -> str:
-    """compose.yaml's profile that is flown with."""
+    """The profile of compose.yaml to start."""
     return f"{protocol}-one" if plan.is_message_set else protocol
 
 
 def remove_sockets(attempt: Path) -> None:
-    """A control socket that an autopilot left, because it was ended before it could clean up."""
+    """Remove the control sockets of autopilots that were ended before they could clean up."""
     for path in (attempt / Path(CONTROL_DIR).name).glob("*.sock"):
         path.unlink(missing_ok=True)
 
 
-def limit_s_of(plan: Plan) -> float:
-    """How long a mission may take: a multiple of what it takes, so that only one that hangs is ended."""
-    return SCENARIO_LIMIT_S + (MESSAGE_LIMIT_S * plan.count if plan.is_message_set else 0.0)
-
-
 def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str]:
-    """What flies the plan's experiment over a protocol, run in the ground station's node."""
+    """The command that flies the plan's experiment over a protocol, for the ground station's node."""
     flying = replace(plan.fleet, fogs=plan.fleet.one) if plan.is_message_set else plan.fleet
     flown = plan.experiment if plan.mission is None else f"/run-dir/{plan.mission.name}"
     command = ["mission", "fly", flown, "--protocol", protocol, "--fleet", flying.flown, "--events", events]
@@ -106,7 +97,7 @@ def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str
 
 
 def mavlink_urls(chain: str, drones: Iterable[int]) -> tuple[str, ...]:
-    """Where MAVSDK listens in the ground station's node: one port for all, or one for each drone in their order.
+    """Where MAVSDK listens in the ground station's node: one port for all drones, or one for each in order.
 
     The node's own routers reach it on loopback; without routers the autopilots send to the node's address.
     """
@@ -116,7 +107,7 @@ def mavlink_urls(chain: str, drones: Iterable[int]) -> tuple[str, ...]:
 
 
 def by_hand(plan: Plan, protocol: str, name_of: Callable[[str], str]) -> str:
-    """What to type to look at a fleet and to fly it; `name_of` returns the name of a service's container."""
+    """The commands to watch and fly a fleet by hand; `name_of` returns the name of a service's container."""
     here = f"docker exec -it {name_of('gs')}"
     drones = wording.plural(len(plan.fleet.fog_of), "drone")
     fog, drone, fogs = next(iter(plan.fleet.fogs)), _one(plan), " ".join(f"--fog {fog}" for fog in plan.fleet.fogs)

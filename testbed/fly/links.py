@@ -1,7 +1,8 @@
-"""The links of an attempt: what `net` gets of them before a run, and what it counts in it.
+"""The links of an attempt: the plan that `net` gets before a run, and its counts afterwards.
 
-Everything is in the attempt's folder `links/`: plan.json and calibration.json (what probes measured) are written here;
-shaper.json (what shapes), counters.json (what each link did) and events.jsonl (what changed, and when) are `net`'s.
+All files are in the attempt's folder `links/`. This module writes plan.json and calibration.json (the measurements of
+the probes). `net` writes shaper.json (the shaper), counters.json (the counts of each link) and events.jsonl (changes
+of links, with times).
 """
 
 from __future__ import annotations
@@ -31,8 +32,11 @@ from .results import (
 
 
 def plan_links(plan: Plan, number: int) -> LinksPlan:
-    """What every link does in an attempt: drawn from experiment and attempt, the same for every protocol."""
-    return resolve(plan.profile, plan.topology, plan.experiment, number)
+    """Plan every link of an attempt for as long as its mission may take.
+
+    It is drawn from experiment and attempt, the same for both protocols.
+    """
+    return resolve(plan.profile, plan.topology, plan.experiment, number, plan.limit_s)
 
 
 def write_plan(
@@ -44,32 +48,32 @@ def write_plan(
     always: bool = False,
     gates: Sequence[Gate] = (),
 ) -> None:
-    """Write the plan for `net`; with `always` it shapes every link, also those on which nothing is planned."""
+    """Write the plan for `net`; with `always` it shapes every link, also those without planned figures."""
     write_json(folder / LINKS_PLAN, run_plan(links, topology, shaper=shaper, always=always, gates=gates))
 
 
 def start_clock(folder: Path) -> None:
-    """Let the time of the plan's events begin; in a run the mission does so itself."""
+    """Start the clock of the plan's events; in a run the mission does that."""
     (folder / LINKS_START).touch()
 
 
 def read_shaper(folder: Path) -> dict[str, Any]:
-    """What shapes the links and why that, as `net` says once all are shaped. Raises ResultsError."""
+    """The shaper and why it was taken, as `net` reports once all links are shaped. Raises ResultsError."""
     return read_json(folder / LINKS_SHAPER)
 
 
 def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
-    """Keep what the probes measured; returns it as it is kept."""
+    """Write the measurements of the probes; returns the document."""
     found = calibration.to_data()
     write_json(folder / LINKS_CALIBRATION, found)
     return found
 
 
 def off_lines(folder: Path, links: LinksPlan) -> tuple[str, ...]:
-    """How the links of a flight differed from its plan, a line each; empty when they did not, or none was shaped.
+    """How the links of a flight differed from its plan, a line each; empty if they did not, or if none was shaped.
 
-    The shaper kept up, and what it lost at random is what the plan says, as far as chance allows; it is kept beside
-    what the probes measured. Raises ResultsError where a file that has it is missing or damaged.
+    Checks that the shaper kept up, and that its random losses are as planned, as far as chance allows. The losses are
+    added to calibration.json. Raises ResultsError if a needed file is missing or damaged.
     """
     if read_shaper(folder)["shaper"] == "none":
         return ()
@@ -90,5 +94,5 @@ def _keep_losses(folder: Path, losses: Sequence[Loss]) -> None:
 
 
 def read_counters(folder: Path) -> dict[str, Any]:
-    """What each link did, by the shaper's own count. Raises ResultsError."""
+    """The shaper's own counts of each link. Raises ResultsError."""
     return read_json(folder / LINKS_COUNTERS)

@@ -1,4 +1,4 @@
-"""Flies the attempts of a series: up, mission, down, and what there is to say of each."""
+"""Flies the attempts of a series: starts the fleet, flies the mission, removes the fleet, and judges the attempt."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .calibration import calibrate
 from .calibration.clocks import ahead_ns, measure_ways
 from .containers import Containers, start_network
 from .daemon import Usage
-from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
+from .flights import mission_command, profile_of, remove_sockets, settings_of
 from .identities import make_identities
 from .manifest import describe, mosquitto_version
 from .observations import observe
@@ -33,14 +33,14 @@ from .results import Attempt, Series, new_attempt, point_latest, read_json, writ
 from .validity import INTERRUPTED, Observed, Verdict, judge, paired
 
 COMPLETED_CODE, FAILED_CODE, BAD_INPUT = 0, 1, 2
-"""What the mission's process ends with."""
+"""Exit codes of the mission's process."""
 MOST_REPEATS = 2
-"""How often the attempts of a number are flown again, because one of them was void."""
+"""How often the attempts of a number are flown again after one of them was void."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 class Progress(Protocol):
-    """Shows how a run goes."""
+    """Shows the progress of a run."""
 
     def attempt(self, protocol: str, number: int, of: int, repeat: int) -> None: ...
     def phase(self, text: str) -> contextlib.AbstractContextManager[None]: ...
@@ -50,9 +50,9 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class Begun:
-    """What there is of a number's attempts: with which repeat to go on, what of it was flown and how it ended.
+    """The state of a number: the repeat at which to go on, and the attempts of that repeat with their verdicts.
 
-    `left` is how many repeats there may be from there on, that one included.
+    `left` is how many repeats are left, that one included.
     """
 
     repeat: int = 0
@@ -61,13 +61,13 @@ class Begun:
 
 
 class Interrupted(TestbedError):
-    """Ctrl-C or SIGTERM: everything was ended, what was captured is kept."""
+    """Ctrl-C or SIGTERM: everything was ended, and the captures are kept."""
 
     exit_code = 130
 
 
 class LinksOff(TestbedError):
-    """The links are not what their profile says: an attempt on them would prove nothing."""
+    """The links are not as in their profile: an attempt on them would prove nothing."""
 
 
 def run_series(
@@ -77,13 +77,13 @@ def run_series(
     make_containers: Callable[..., Containers] = Containers,
     begun: Mapping[int, Begun] | None = None,
 ) -> list[Verdict]:
-    """Fly every attempt of a plan, over one protocol after the other; who is first alternates.
+    """Fly every attempt of a plan, over one protocol after the other, in alternating order.
 
-    Both attempts of a number met the same links, or neither counts: with one of them the other is void, and both are
-    flown again, twice at most, each time after waiting for a quieter moment of the machine. A failed attempt does not
-    end the series; a lost Docker does, with DockerError. What the live page shows is flown once: it never counts.
-    `begun` is what there is of a series that was broken off, by number. Returns how each number's attempts ended at
-    last, in the order in which they were flown.
+    Both attempts of a number meet the same links, or neither counts: if one is void, the other is too, and both are
+    flown again, at most twice, each time after waiting for a quieter moment of the machine. A failed attempt does not
+    end the series; a lost Docker does, with DockerError. An attempt that the live page shows is not repeated, as it
+    never counts. `begun` is the state of an interrupted series, by number. Returns the verdicts of each number's last
+    repeat, in the order of the flights.
     """
     endings: list[Verdict] = []
     with signals_interrupt(f"what was captured is kept in {series.path}"):
@@ -112,7 +112,7 @@ def run_series(
 
 
 def _wait(progress: Progress) -> Waited:
-    """Wait until the machine has room, and say so; not for ever."""
+    """Wait for a quieter moment of the machine, at most LIMIT_S, and print so."""
     with progress.phase(f"waiting until {LEAST_IDLE:.0%} of the processors are idle, {LIMIT_S:.0f} s at most"):
         return wait_for_quiet()
 
@@ -128,7 +128,7 @@ def _disk_errors_named(attempt: Attempt) -> Iterator[None]:
 
 
 def write_paired(flown: Mapping[Attempt, Verdict]) -> dict[Attempt, Verdict]:
-    """The verdicts of a number's attempts held together, in their manifests too."""
+    """Pair the verdicts of a number's attempts (`paired`), and write those that change into the manifests."""
     found = paired(flown)
     for attempt, verdict in found.items():
         if verdict != flown[attempt]:
@@ -161,7 +161,7 @@ def _fly(
         containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings, plan.fleet)
         with _fleet_up(plan, containers, attempt, manifest, links, gates, progress), page_beside(plan, attempt):
             command = mission_command(plan, attempt.protocol)
-            failure = _mission(command, limit_s_of(plan), containers, attempt, progress)
+            failure = _mission(command, plan.limit_s, containers, attempt, progress)
     except Interrupted:
         raise
     except (LinksOff, ProbesLate) as error:
@@ -196,9 +196,9 @@ def _fleet_up(
     gates: Sequence[Gate],
     progress: Progress,
 ) -> Iterator[None]:
-    """The fleet for as long as this lasts: the network first, and all others only once its links are as planned.
+    """Run the fleet as long as the context lasts: first the network, the rest once its links are as planned.
 
-    It is taken down whatever happens. Raises LinksOff where they are not.
+    The fleet is removed whatever happens. Raises LinksOff if the links are not as planned.
     """
     try:
         topology, folder = attempt.topology(), attempt.path / "links"
@@ -237,7 +237,7 @@ def _fleet_up(
 def _mission(
     command: list[str], limit_s: float, containers: Containers, attempt: Attempt, progress: Progress
 ) -> str | None:
-    """Fly it; what it prints beside its progress is in logs/mission.log. Returns why it was not completed, or None."""
+    """Fly the mission, with its output in logs/mission.log, except progress. Returns why it was not completed, or None."""
     lines = containers.execute("gs", command, limit_s=limit_s)
     said = last = ""
     with (attempt.path / "logs" / "mission.log").open("w", encoding="utf-8") as log:
@@ -273,10 +273,9 @@ def _progress_line(line: str) -> dict[str, Any] | None:
 
 
 def _take_down(containers: Containers, attempt: Attempt) -> dict[str, Usage]:
-    """End the network first, so that its captures are whole; then save the logs, then everything else.
+    """End the network first, so that its captures are complete; then save the logs, then remove all containers.
 
-    Each is done although another failed (a full disk, a container that is gone). Returns what each service
-    used.
+    Each step is done even if another fails (a full disk, a container that is gone). Returns each service's usage.
     """
     with contextlib.ExitStack() as last_first:
         last_first.callback(remove_sockets, attempt.path)
@@ -288,7 +287,7 @@ def _take_down(containers: Containers, attempt: Attempt) -> dict[str, Usage]:
 
 @contextlib.contextmanager
 def signals_wait() -> Iterator[None]:
-    """A signal within takes effect at the end: taking the containers down is short, and must be whole."""
+    """Defer signals to the end of the context: removing the containers is short, and must be complete."""
     heard: list[int] = []
     before = {number: signal.signal(number, lambda number, _: heard.append(number)) for number in SIGNALS}
     try:
@@ -302,7 +301,7 @@ def signals_wait() -> Iterator[None]:
 
 @contextlib.contextmanager
 def signals_interrupt(kept: str) -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does, with Interrupted; `kept` says what there is of it."""
+    """Let SIGTERM and Ctrl-C end a run with Interrupted; `kept` says in its message which results are kept."""
 
     def interrupt(*_: object) -> None:
         for number in before:

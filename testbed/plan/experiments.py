@@ -1,4 +1,4 @@
-"""What can be flown: experiments, factors, arms, profiles, protocols, and the check of what a person typed."""
+"""What can be flown: experiments, factors, arms, profiles and protocols, and the check of user input."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .machines import VARIABLE, Machine, machines_of
 from .own_missions import check_mission
 from .profiles.draws import seed_of
 from .profiles.reading import Profile, read_profile
-from .profiles.resolve import resolve
+from .profiles.resolve import LENGTH_S, resolve
 from .topology import Topology
 from .typed import one_of, whole_number
 
@@ -27,9 +27,11 @@ MESSAGES = "messages"
 EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4", "scenario-5", MESSAGES)
 WITH_SENSORS = ("scenario-4",)
 DEFAULT_SAMPLES, MOST_SAMPLES = 30, 600
-"""Values of each series that a sensor measures, one a second."""
+"""The number of values in each series of a sensor, one per second."""
 DEFAULT_COUNT, MOST_COUNT = 10, 1000
-"""Messages of each kind in the message set."""
+"""The number of messages of each kind in the message set."""
+MESSAGE_LIMIT_S = 300.0
+"""The time limit of one message of each kind, which usually takes 18 s."""
 PROTOCOLS = ("mqttxt", "mavlink")
 MOST_ATTEMPTS = 99
 
@@ -44,22 +46,22 @@ FACTORS: dict[str, tuple[str, ...]] = {
     "tcp": ("default", "lean"),
     "air": ("tcp", "sn"),
 }
-"""Every factor with its values; in capitals it is the variable that sets it."""
+"""Every factor with its values; its name in capitals is the variable that sets it."""
 
 
 @dataclass(frozen=True)
 class Factors:
-    """How a fleet talks.
+    """How a fleet communicates.
 
-    streams     what an autopilot sends by itself: a set of PX4's, or a heartbeat and, on request, five states at 1 Hz
-    commanding  MAVLink: the next call when the last one has returned, or all vehicles at once
-    qos         MQTT-XT: that of commands and results, 0 or 1
+    streams     an autopilot's own messages: one of PX4's sets, or a heartbeat and, on request, five states at 1 Hz
+    commanding  MAVLink: each call after the last one has returned, or all vehicles at once
+    qos         MQTT-XT: the QoS of commands and results, 0 or 1
     chain       MAVLink: a chain of routers for each UAV, one that all share, or none
-    states      MQTT-XT: published on change, at a fixed 1 Hz, or that in bundles
-    security    MQTT-XT: none, mutual TLS with identities that are made for the flight, or signed messages in that
+    states      MQTT-XT: published on change, at a fixed 1 Hz, or at 1 Hz in bundles
+    security    MQTT-XT: none, mutual TLS with identities made for the flight, or signed messages in mutual TLS
     station     MQTT-XT: its own API, or MAVSDK through `mqttxt gs mavlink` at the ground station
-    tcp         every node's TCP as Linux has it by default, or lean: without time stamps
-    air         MQTT-XT: between UAV and fog by MQTT over TCP, or by MQTT-SN over UDP
+    tcp         every node's TCP: Linux's default, or lean, that is without time stamps
+    air         MQTT-XT: between UAV and fog MQTT over TCP, or MQTT-SN over UDP
     """
 
     streams: str
@@ -99,9 +101,9 @@ ARMS = {
 
 @dataclass(frozen=True)
 class Plan:
-    """What a person asked for, checked; `factors` are the arm's, but for those that were set by themselves.
+    """A checked request for a series; `factors` are the arm's, except those that were set individually.
 
-    `mission` is the file of a mission of one's own; the experiment is called after it then.
+    `mission` is the file of a user's own mission, which then gives the experiment its name.
     """
 
     experiment: str
@@ -116,11 +118,11 @@ class Plan:
     count: int = DEFAULT_COUNT
     fleet: Fleet = field(default_factory=standard_fleet)
     page: int | None = None
-    """The port where the live page shows the flights. They do not count then: a station that watches opens gates."""
+    """The live page's port. Flights that it shows do not count: a station that watches opens gates."""
     order_seed: int | None = None
-    """Who flies first is drawn from it; None: it alternates."""
+    """The seed of the order of protocols; None: the order alternates."""
     machines: tuple[Machine, ...] = ()
-    """Those beside this one that have a part of the fleet."""
+    """The machines besides this one that run a part of the fleet."""
 
     @property
     def is_message_set(self) -> bool:
@@ -128,25 +130,30 @@ class Plan:
         return self.experiment == MESSAGES
 
     @property
+    def limit_s(self) -> float:
+        """The time limit of a mission: a multiple of its usual time, so that only one that hangs is ended."""
+        return LENGTH_S + (MESSAGE_LIMIT_S * self.count if self.is_message_set else 0.0)
+
+    @property
     def has_sensors(self) -> bool:
-        """Whether the sensors' nodes are there, and what they measure is collected."""
+        """Whether there are sensors' nodes, whose readings are collected."""
         return self.experiment in WITH_SENSORS
 
     @property
     def topology(self) -> Topology:
-        """Nodes and links that are flown on."""
+        """The nodes and links of the flights."""
         return self.fleet.topology(sensors=self.has_sensors)
 
     @property
     def label(self) -> str:
-        """The arm with every factor in which the plan deviates from it, as the results' path has it."""
+        """The arm with every factor in which the plan deviates from it, for the results' path."""
         own, flown = asdict(self.arm.factors), asdict(self.factors)
         deviating = [f"{name}-{flown[name]}" for name in FACTORS if flown[name] != own[name]]
         machines = [f"machines-{1 + len(self.machines)}"] if self.machines else []
         return "+".join([self.arm.name, *deviating, *(["page"] if self.page is not None else []), *machines])
 
     def is_secured(self, protocol: str) -> bool:
-        """Whether a side's nodes have identities: over MAVLink none has, whatever the factor."""
+        """Whether a side's nodes have identities; over MAVLink they have none, whatever the factor."""
         return protocol == "mqttxt" and self.factors.security != "none"
 
     def through_gateway(self, protocol: str) -> bool:
@@ -158,7 +165,7 @@ class Plan:
         return self.factors.security == "signed"
 
     def order(self, attempt: int) -> tuple[str, ...]:
-        """Who flies first: drawn from `order_seed`, else as listed in odd attempts and the other way round in even."""
+        """The order of protocols: drawn from `order_seed`, else as listed in odd attempts and reversed in even ones."""
         if self.order_seed is not None:
             draw = Random(seed_of(self.order_seed, self.experiment, self.label, self.profile.name, attempt))
             return tuple(draw.sample(self.protocols, len(self.protocols)))
@@ -177,12 +184,12 @@ def make_plan(
     count: str = str(DEFAULT_COUNT),
     fleet: Fleet | None = None,
 ) -> Plan:
-    """A plan from what a person typed.
+    """Make a plan from user input.
 
     `experiment` is a name, or the path of a mission's .py file; `profile` a name, or the path of a file; `protocols` a
-    list with commas, all of them when empty; `overrides` are factors by their names, the arm's where they are empty;
-    `fleet` is the experiments' where it is None.
-    Raises UserError naming the option, or the profile's file and field, the value and what was expected.
+    list with commas, empty for all; `overrides` are factors by name, where an empty value keeps the arm's; `fleet` None
+    is the experiments' fleet. Raises UserError that names the option, or the profile's file and field, the value and
+    what was expected.
     """
     mission = Path(experiment).absolute() if experiment.endswith(".py") else None
     if mission is None:
@@ -214,14 +221,14 @@ def make_plan(
     flown = tuple(dict.fromkeys(chosen))
     values = (ARMS[arm], factors, links, flown, shaper, values_each, mission, messages_each, fleet)
     plan = Plan(experiment, how_often, *values)
-    resolve(links, plan.topology, experiment, 1)  # a link that does not exist is an error now
+    resolve(links, plan.topology, experiment, 1, plan.limit_s)  # so that a link that does not exist is an error now
     return plan
 
 
 def on_machines(plan: Plan, environment: Mapping[str, str]) -> Plan:
-    """The plan on the machines that MACHINES names beside this one; as it is where that is empty.
+    """Spread the plan over this machine and those that MACHINES names; unchanged if that is empty.
 
-    Raises UserError for an address, and for what needs all of the fleet on one machine.
+    Raises UserError for an invalid address, and for a setting that needs all of the fleet on one machine.
     """
     machines = machines_of(environment, plan.fleet)
     if not machines:
@@ -246,14 +253,14 @@ def _needs_one_machine(plan: Plan, environment: Mapping[str, str]) -> Iterator[s
 
 
 def one_protocol(text: str) -> str:
-    """The protocol of a fleet that is only looked at. Raises UserError for another, or for a list."""
+    """Check the protocol of a fleet that is started by hand. Raises UserError for an unknown one, or for a list."""
     if text not in PROTOCOLS:
         raise UserError(f"PROTOCOLS={text}: expected {' or '.join(PROTOCOLS)}, one of them")
     return text
 
 
 def _name_of(mission: Path) -> str:
-    """What results of a mission of one's own are called. Raises UserError where it cannot be read or is no name."""
+    """The experiment's name of a user's own mission. Raises UserError if the file is no mission or its name invalid."""
     if not _NAME.fullmatch(mission.stem) or mission.stem in EXPERIMENTS:
         raise UserError(f"{mission}: expected a name of lower-case letters, digits, - and _ that no scenario has")
     check_mission(mission)

@@ -16,24 +16,24 @@ from .draws import link_seed, occurrences, plan_seed
 from .reading import Entry, Figure, Profile, Rule
 from .units import show_time
 
-LONGEST_S = 900
-"""How long a plan reaches where nobody says otherwise: longer than any mission is allowed to take."""
+LENGTH_S = 1500.0
+"""The default length of a plan: the time limit of a scenario's mission."""
 
 
 @dataclass(frozen=True)
 class LinksPlan(link_plan.Plan):
-    """What every shaper takes. `figures` says where each link's figures come from; it is not part of the data."""
+    """The plan that every shaper takes. `figures` has the sources of each link's figures; it is not in the data."""
 
     figures: Mapping[str, Mapping[str, Figure]] = field(default_factory=dict, compare=False)
 
 
 def resolve(
-    profile: Profile, topology: Topology, experiment: str, attempt: int, length_s: float = LONGEST_S
+    profile: Profile, topology: Topology, experiment: str, attempt: int, length_s: float = LENGTH_S
 ) -> LinksPlan:
     """The plan of an attempt, `length_s` seconds long.
 
-    Raises UserError naming file, field, value and what was expected: a link that does not exist, an event after the
-    end, figures that do not fit together.
+    Raises UserError that names file, field, value and what was expected, for a link that does not exist, an event after
+    the end, and figures that do not fit together.
     """
     _check_names(profile, topology)
     seed = plan_seed(experiment, attempt)
@@ -72,7 +72,7 @@ def _check_names(profile: Profile, topology: Topology) -> None:
 
 
 def _entries(profile: Profile, link: Link) -> Iterator[Entry]:
-    """A link's entries, the least specific first: its class in every file, then itself in every file."""
+    """A link's entries, the least specific first: its class in every file, then the link itself in every file."""
     for section, name in (("classes", link.name.partition(":")[0]), ("overrides", link.name)):
         for layer in profile.layers:
             entry = getattr(layer, section).get(name)
@@ -119,7 +119,7 @@ def _events(rule: Rule, number: int, links: Mapping[str, LinkPlan], seed: int, l
 
 
 def _of_class(name: str, wanted: str) -> bool:
-    """`air:up` means that direction of every link of the class."""
+    """Whether `wanted` is a direction of all links of a class, as `air:up`, and `name` is one of them."""
     kind, _, direction = wanted.partition(":")
     return direction in DIRECTIONS and name.startswith(f"{kind}:") and name.endswith(f":{direction}")
 

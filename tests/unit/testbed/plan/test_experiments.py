@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from testbed.errors import UserError
-from testbed.fly.flights import by_hand, limit_s_of, mission_command, profile_of, remove_sockets, settings_of
+from testbed.fly.flights import by_hand, mission_command, profile_of, remove_sockets, settings_of
+from testbed.fly.links import plan_links
 from testbed.plan.compose import COMPOSE_FILE
 from testbed.plan.documents import ROOT
 from testbed.plan.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
@@ -307,7 +308,15 @@ def test_a_scenario_knows_nothing_of_the_message_set() -> None:
     assert profile_of(plan, "mavlink") == "mavlink"
     assert not {"ONLY_FLAG", "CONTROL_DIR"} & set(settings_of(plan, "mavlink"))
     assert "--count" not in mission_command(plan, "mqttxt")
-    assert limit_s_of(plan) < limit_s_of(make_plan("messages", count="1"))
+    assert plan.limit_s < make_plan("messages", count="1").limit_s
+
+
+@pytest.mark.parametrize(("experiment", "count"), [("scenario-1", "10"), ("messages", "100")])
+def test_links_change_for_as_long_as_a_mission_may_take(experiment: str, count: str) -> None:
+    plan = make_plan(experiment, profile="leo", count=count)
+    at_s = [event.at_s for event in plan_links(plan, 1).events]
+    assert at_s[0] < 60
+    assert plan.limit_s - 60 < at_s[-1] < plan.limit_s
 
 
 def test_control_sockets_that_were_left_are_removed_and_nothing_else(tmp_path: Path) -> None:
