@@ -11,8 +11,20 @@ from hypothesis import strategies as st
 from mqttxt.core.effects import Inbound
 from mqttxt.protocol.codec import encode, layout_of
 from mqttxt.protocol.commands import Offboard
-from mqttxt.protocol.fields import Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
-from mqttxt.protocol.parameters import LARGEST, Parameter, ParameterType
+from mqttxt.protocol.fields import (
+    FLOAT32_MAX,
+    Binary,
+    Constant,
+    Finite,
+    Integer,
+    Items,
+    Name,
+    Named,
+    Real,
+    Scaled,
+    Text,
+)
+from mqttxt.protocol.parameters import Parameter, ParameterType
 from mqttxt.protocol.state_payload import message_class
 from mqttxt.protocol.states import STATES
 from mqttxt.protocol.topic_table import TopicRow
@@ -82,7 +94,7 @@ def _typed(name: str, kind: ParameterType, value: float | None) -> Parameter | N
     """A parameter whose value its type has, None where that cannot be."""
     if kind.span is not None:
         return Parameter(name, kind, kind.span[int(value or 0) % len(kind.span)])
-    return None if value is not None and abs(value) > LARGEST else Parameter(name, kind, value)
+    return None if value is not None and abs(value) > FLOAT32_MAX else Parameter(name, kind, value)
 
 
 def inbound(rows: tuple[TopicRow, ...], known: tuple[int, ...]) -> st.SearchStrategy[Inbound]:

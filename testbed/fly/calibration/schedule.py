@@ -1,11 +1,11 @@
-"""From a plan to what each node sends: delay probes on all links at once, then the rates.
+"""Turns a plan into the probes that each node sends: for the delay on all links at once, then for the rates.
 
-Rates. A link that is offered 1.25 times its rate with its queue full lets a frame in whenever it has sent one: the
-frames that arrive were *sent* at the link's rate. Delay and jitter are not in that, which makes a fifteenth of a second
-enough, where a rate read off the times of arrival needs eighty jitters. The queue is filled by a burst of more than it
-holds, since the link sends while the burst still comes. Slow links are probed at the same time, fast ones one after the
-other, a shared medium one direction after the other. Where a queue takes too long to fill, a burst that fits into it is
-sent instead, and the rate is read off the arrivals.
+Rates. A link that is offered 1.25 times its rate with a full queue accepts a frame whenever it has sent one, so the
+frames that arrive were *sent* at the link's rate. Delay and jitter do not affect that: a fifteenth of a second is
+enough, where a rate taken from arrival times needs eighty jitters. The queue is filled by a burst that is larger than
+it, since the link sends while the burst arrives. Slow links are probed at the same time, fast ones one after the other,
+a shared medium one direction after the other. If a queue takes too long to fill, a burst that fits into it is sent
+instead, and the rate is taken from the arrival times.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any
 
 from net.link_plan import SLOT_JITTERS, LinkPlan
 
+from ...plan.profiles.directed import WIDEST_JITTER
 from ...plan.profiles.resolve import LinksPlan
 from ...plan.topology import Topology
 from .expected import arriving
@@ -31,25 +32,23 @@ CLOSEST_S = 0.025
 OFFER = 1.25
 OVERFILL, SPARE_FRAMES = 1.5, 5
 RATE_S = 1.0
-"""What a rate probe may take, its queue's filling included, where 40 small frames fit into it."""
+"""How long a rate probe may take, including filling the queue, if 40 small frames fit into that time."""
 FEWEST_FRAMES, ENOUGH_FRAMES = 40, 150
 BRIEFEST_S = 0.06
 """Twice and four times that where it is probed again: a busy computer's pauses at the two ends weigh less then."""
 SMALLEST_RATE_FRAME = 80
 LONGEST_FILL_S = 3.0
 UNSTEADY_S = 0.004
-"""What a sender may be late; a queue that is empty sooner cannot be kept full."""
+"""How late a sender may be; a queue that is empty sooner cannot be kept full."""
 FAST_BPS = 5_000_000
 FASTEST_BPS = 200_000_000
-"""More than that is 20,000 full frames a second, which a machine that also shapes and captures may not keep up with."""
+"""Above it are 20,000 full frames per second, with which a machine that also shapes and captures may not keep up."""
 LOSSIEST = 0.9
 PAUSE_S = 0.03
 LOAD_LOSSES, LOAD_FRAMES = 8, (2_000, 8_000)
-"""As many frames as lose 8, at which none lost at all is out of the interval, within these bounds."""
+"""As many frames as lose 8, at which a count of none is outside the interval, within these bounds."""
 LOAD_FRAMES_S, LOAD_SHARE, LONGEST_LOAD_S = 6_000, 0.8, 20.0
-"""All links together a second; of each rate; how long at most."""
-_WIDEST_JITTER = 4
-"""A delay reaches four jitters beyond its mean."""
+"""Frames per second on all links together; the share of each link's rate; the longest time."""
 
 DELAY, RATE, LOAD = "delay", "rate", "load"
 UP, DOWN = "up", "down"
@@ -57,7 +56,7 @@ UP, DOWN = "up", "down"
 
 @dataclass(frozen=True)
 class Flow:
-    """Probes of one directed link. `overfills`: the rate is read off when they were sent, not when they arrived."""
+    """Probes of one directed link. `overfills`: the rate is taken from send times, not from arrival times."""
 
     number: int
     link: str
@@ -74,11 +73,11 @@ class Flow:
 
     @property
     def sent_s(self) -> float:
-        """When the last one is sent."""
+        """When the last probe is sent."""
         return self.at_s + max(0, self.count - self.burst) * self.every_s
 
     def to_data(self) -> dict[str, Any]:
-        """As `net probe` takes it."""
+        """The flow in the input of `net.probe`."""
         return {
             "flow": self.number, "to": self.address, "at_s": self.at_s, "burst": self.burst, "every_s": self.every_s,
             "count": self.count, "bytes": self.frame_bytes, "timed": self.purpose != LOAD,
@@ -87,7 +86,7 @@ class Flow:
 
 @dataclass(frozen=True)
 class Schedule:
-    """All flows, when the last frame has arrived, and for (link, figure) why it is not probed."""
+    """All flows, the time by which the last frame has arrived, and by (link, figure) why it is not probed."""
 
     flows: tuple[Flow, ...]
     length_s: float
@@ -99,7 +98,7 @@ class Schedule:
         return tuple(dict.fromkeys(node for flow in self.flows for node in (flow.source, flow.destination)))
 
     def of_node(self, node: str, run: int, begin_ns: int) -> dict[str, Any]:
-        """What one node does."""
+        """One node's part, the input of `net.probe`."""
         flows = [flow.to_data() for flow in self.flows if flow.source == node]
         return {"run": run, "begin_ns": begin_ns, "end_s": self.length_s, "flows": flows}
 
@@ -107,7 +106,7 @@ class Schedule:
 def make_schedule(
     plan: LinksPlan, topology: Topology, closed: Mapping[str, str], only: frozenset[str], again: int = 0
 ) -> Schedule:
-    """Probe the links in `only`; `closed` says of links, as sense:uav1, why nothing goes through them.
+    """Schedule probes of the links in `only`; `closed` has, by link as sense:uav1, why it passes nothing.
 
     `again` is how often they were probed before.
     """
@@ -132,7 +131,7 @@ def make_schedule(
 
 
 def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) -> Schedule:
-    """Frames on every link that loses some, so that the shaper's counters show how many; nothing is measured."""
+    """Schedule frames on every lossy link, so that the shaper's counters show the loss; the frames measure nothing."""
     wanted = [name for name, link in plan.links.items() if link.loss and not _closed(name, closed)]
     ends, flows = _Ends(topology), list[Flow]()
     for number, name in enumerate(wanted):
@@ -174,14 +173,14 @@ def _rate_unprobed(link: LinkPlan) -> str | None:
 
 
 def _kept_s(link: LinkPlan) -> float:
-    """How long a full queue lasts, of the largest frames that it is probed with."""
+    """How long the link needs to send a full queue of the frames with which it is probed."""
     assert link.queue_packets is not None
     size, _ = _rate_size(link) if _can_fill(link) else (LARGEST_FRAME, 0)
     return max(0, link.queue_packets - 1) * _sending_s(link, size)
 
 
 class _Ends:
-    """Between which nodes a directed link is."""
+    """The nodes at the ends of directed links."""
 
     def __init__(self, topology: Topology) -> None:
         self._links = {link.name: link for link in topology.links}
@@ -196,20 +195,20 @@ class _Ends:
 
 
 def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: str, phase: float) -> Flow:
-    """Probes so far apart that no order has to be kept between them, and no sending waits for another."""
+    """Delay probes, far enough apart that none overtakes another or waits for another to be sent."""
     jitter_s = link.jitter_us / 1e6
     sending_s = _sending_s(link, SMALLEST_FRAME)
     every_s = max(CLOSEST_S, 3 * jitter_s, 4 * sending_s)
     steady_s = DELAY_SLOTS * SLOT_JITTERS[link.distribution] * jitter_s
     lasts_s = max(SHORTEST_S, min(LONGEST_S, steady_s), FEWEST_PROBES * every_s)
     count = math.ceil(lasts_s / every_s / arriving(link))
-    if link.shared_with is not None:  # the other direction's are sent in the middle between
+    if link.shared_with is not None:  # the other direction's probes are sent halfway between
         phase = 0.5 * name.endswith(f":{DOWN}")
     return Flow(number, name, DELAY, *ends, round(phase * every_s, 6), 1, round(every_s, 6), count, SMALLEST_FRAME)
 
 
 def _rate_groups(plan: LinksPlan, names: list[str]) -> Iterator[list[str]]:
-    """Links that are probed at the same time."""
+    """Groups of links that are probed at the same time."""
     slow = [name for name in names if (plan.links[name].rate_bps or 0) <= FAST_BPS]
     second = [name for name in slow if plan.links[name].shared_with in slow and name.endswith(f":{DOWN}")]
     for group in ([name for name in slow if name not in second], second):
@@ -241,7 +240,7 @@ def _can_fill(link: LinkPlan) -> bool:
 
 
 def _rate_size(link: LinkPlan) -> tuple[int, int]:
-    """Bytes of a frame, as large as fits into the time; how many the link sends meanwhile."""
+    """The size of rate probes in bytes, as large as RATE_S allows, and how many frames the link sends meanwhile."""
     assert link.queue_packets is not None
     assert link.rate_bps is not None
     bits = RATE_S * link.rate_bps
@@ -256,11 +255,11 @@ def _sending_s(link: LinkPlan, frame_bytes: int) -> float:
 
 
 def _drain_s(flow: Flow, link: LinkPlan) -> float:
-    """How long the link still sends after the last probe was sent."""
+    """How long the link goes on sending after the last probe was sent to it."""
     waiting = min(flow.count, link.queue_packets or flow.count) if flow.purpose == RATE else 2
     return waiting * _sending_s(link, flow.frame_bytes)
 
 
 def _arrived_s(flow: Flow, link: LinkPlan) -> float:
-    far_s = (link.delay_us + _WIDEST_JITTER * link.jitter_us) / 1e6
+    far_s = (link.delay_us + WIDEST_JITTER * link.jitter_us) / 1e6
     return flow.sent_s + _drain_s(flow, link) + far_s + 5 * PAUSE_S

@@ -1,4 +1,4 @@
-"""The directed links that are shaped, each with what it does over time."""
+"""The directed links that are shaped, each with its states over time."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .resolve import LinksPlan
 
 SMALLEST_FRAME_BITS = 60 * 8
 MOST_FRAMES_S = 100_000
-"""What an unlimited link is expected to carry at most: an explicit limit has to be some number."""
+"""The most frames per second that an unlimited link is expected to carry, as netem's limit must be a number."""
 _SPARE_FRAMES = 1_000
-_WIDEST_JITTER = 4
+WIDEST_JITTER = 4
 """netem's tables reach four deviations from the mean."""
 
 
 @dataclass(frozen=True)
 class Directed:
-    """A directed link that is shaped: its number (mark and HTB class), ends, and the devices and states it has.
+    """A directed link that is shaped: its number (mark and HTB class), ends, device and states.
 
-    `is_open` leaves room for figures that nobody has planned: every stage is there, whether or not it does anything.
+    `is_open`: every stage exists, even without effect, so that figures can be set that were not planned.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Directed:
     destination: str
     device: str
     states: tuple[tuple[float, LinkPlan, bool], ...]
-    """(from when on in seconds, figures, whether it is closed), the first at 0."""
+    """(start in seconds, figures, whether it is closed), the first at 0."""
     is_open: bool = False
 
     @cached_property
@@ -51,7 +51,7 @@ class Directed:
 
     @cached_property
     def limit(self) -> int:
-        """Room for all that can be on its way at any time: a frame without room would be lost by mistake."""
+        """The room for all frames that can be on the link at any time: without room a frame would be lost by mistake."""
         return max(frames_in_flight(state) for _, state, _ in self.states)
 
     @property
@@ -60,7 +60,7 @@ class Directed:
 
 
 def directed_links(plan: LinksPlan, topology: Topology, always: bool = False) -> list[Directed]:
-    """The links that are shaped at some time, or with `always` all of them, numbered in the order of all links."""
+    """The links that are shaped at any time, or with `always` all, with their numbers among all links."""
     found = []
     for number, name in enumerate(plan.links, 1):
         states = tuple(_states(plan, name))
@@ -75,7 +75,7 @@ def directed_links(plan: LinksPlan, topology: Topology, always: bool = False) ->
 
 
 def _states(plan: LinksPlan, name: str) -> Iterator[tuple[float, LinkPlan, bool]]:
-    """A link's figures over time: later events stand above earlier ones for as long as they last."""
+    """A link's figures over time: later events override earlier ones for as long as they last."""
     base = asdict(plan.links[name])
     ahead = deque(event for event in plan.events if event.link == name)
     times = {0.0} | {event.at_s for event in ahead} | {_end_of(event) for event in ahead}
@@ -100,7 +100,7 @@ def _end_of(event: EventPlan) -> float:
 
 
 def frames_in_flight(state: LinkPlan) -> int:
-    """The most that can be on its way at once, and some to spare."""
+    """The most frames that can be on a link at once, with some to spare."""
     frames_s = MOST_FRAMES_S if state.rate_bps is None else -(-state.rate_bps // SMALLEST_FRAME_BITS)
-    longest_us = state.delay_us + _WIDEST_JITTER * state.jitter_us
+    longest_us = state.delay_us + WIDEST_JITTER * state.jitter_us
     return _SPARE_FRAMES + -(-min(frames_s, MOST_FRAMES_S) * longest_us // 1_000_000)

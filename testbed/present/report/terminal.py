@@ -23,11 +23,11 @@ from .message_terminal import print_kinds
 
 MOST_STREAMS = 8
 ROOM_FOR_BOTH = 105
-"""Columns of the terminal from which both sides' links go into one table."""
+"""The width of the terminal, in columns, from which both sides' links are in one table."""
 
 
 def print_summary(series: Series, metrics: Metrics, console: Console) -> None:
-    """What is wrong, the finding, how it was flown; then both sides beside each other, every attempt, every link."""
+    """Print the notes, the finding, and how it was flown; then both sides compared, every attempt, every link."""
     console.print()
     for note in sentences.notes(metrics):
         console.print(note, soft_wrap=True, markup=False)
@@ -61,7 +61,7 @@ def _table(title: str) -> Table:
 
 
 def comparison_table(metrics: Metrics) -> Table:
-    """A row a metric, a column a protocol, and the ratio of the two."""
+    """A row per metric, a column per protocol, and the ratio of the two."""
     sides = [protocol for protocol, _ in words.sides(metrics)]
     table = _table(f"arm {metrics['arm']}, profile {metrics['profile']}")
     table.add_column("")
@@ -77,7 +77,7 @@ def comparison_table(metrics: Metrics) -> Table:
 
 
 def thesis_table(metrics: Metrics) -> Table:
-    """Means here beside the thesis's, a row a metric; what to know about its figures is on the page."""
+    """Means here and the thesis's, a row per metric; the caveats on the thesis's figures are on the page."""
     rows = thesis_rows.rows(metrics)
     table = _table("means here, and the thesis's (the report says what to know)")
     table.add_column("")
@@ -94,7 +94,7 @@ def thesis_table(metrics: Metrics) -> Table:
 
 
 def measured_table(shown: details.Shown) -> Table:
-    """Links by kind and way: as configured, and the least and the most that was measured on any of them, over both."""
+    """Links by class and direction: configured figures, and the least and greatest measured, over both protocols."""
     table = _table("links as configured, and as measured")
     table.add_column("link")
     for heading in ("delay", "measured", "rate", "measured", "loss", "measured"):
@@ -121,7 +121,7 @@ _FIGURES: tuple[tuple[str, Callable[[float], str]], ...] = (
 
 
 def _span(values: list[float | None], text: Callable[[float], str]) -> str:
-    """'40 ms', '39 ms to 41 ms'; a dash where nothing is known, or a rate is unlimited."""
+    """'40 ms', '39 ms to 41 ms'; a dash if unknown, or for an unlimited rate."""
     known = [value for value in values if value is not None]
     if not known:
         return words.NOTHING
@@ -130,7 +130,7 @@ def _span(values: list[float | None], text: Callable[[float], str]) -> str:
 
 
 def attempts_table(metrics: Metrics) -> Table:
-    """Every attempt; failed ones stay in it, void ones are named and not counted."""
+    """A row per attempt; failed ones are included, void ones are listed without figures."""
     table = _table("attempts")
     for heading in ("protocol", "attempt", "status"):
         table.add_column(heading)
@@ -142,12 +142,12 @@ def attempts_table(metrics: Metrics) -> Table:
             cells = of_attempt(observe_attempt(attempt)).values()
             table.add_row(name, str(attempt["attempt"]), attempt["status"], *cells)
         for void in side["void"]:
-            table.add_row(name, str(void["attempt"]), "void", *[words.NOTHING] * 6)
+            table.add_row(name, str(void["attempt"]), "void", *[words.NOTHING] * len(OF_ATTEMPT))
     return table
 
 
 def links_table(shown: details.Shown) -> Table:
-    """Packets and bytes up and down each link, both sides beside each other."""
+    """Packets and bytes up and down each link, for both sides."""
     numbers = ", ".join(f"{wording.name_of(protocol)} attempt {one['attempt']}" for protocol, one in shown.items())
     table = _table(f"links, up (towards the cloud) / down: {numbers}")
     table.add_column("link")
@@ -165,7 +165,7 @@ def links_table(shown: details.Shown) -> Table:
 
 
 def mix_table(mix: details.Mix) -> Table:
-    """What the drones stream over MAVLink, largest first."""
+    """The drones' streams over MAVLink, largest first."""
     table = _table("what the drones send over MAVLink")
     table.add_column("message")
     for heading in ("count", "Hz per drone", "bytes", "mean size", "share"):
@@ -205,12 +205,12 @@ def _print_mavlink(attempt: AttemptEntry, console: Console) -> None:
 
 
 def _attempt_of(series: Series, protocol: str, number: int) -> Attempt:
-    """The flight that counts under a number: the last one, where void ones were flown again."""
+    """The flight that counts for a number: the last one, if void ones were flown again."""
     return [one for one in series.attempts() if (one.protocol, one.number) == (protocol, number)][-1]
 
 
 def _flown(series: Series, metrics: Metrics) -> list[Text]:
-    """A line a side: how it was flown; then what that means for comparing."""
+    """A line per side on how it was flown; then what that means for the comparison."""
     configuration: dict[str, Any] = {}
     one_drone = message_set.is_message_set(metrics)
     for attempt in series.attempts():

@@ -25,12 +25,12 @@ from .points import points_of
 
 RATE_LIMIT_S = 30.0
 REPEATED_S = 0.5
-"""MAVSDK repeats a command that is not acknowledged for so long."""
+"""MAVSDK repeats a command that is not acknowledged for this long."""
 logger = logging.getLogger("mission")
 
 
 class MavsdkMessageFleet(MavsdkFleet):
-    """One drone."""
+    """One drone, for the message set."""
 
     def __init__(
         self, urls: tuple[str, ...], fogs: dict[int, tuple[int, ...]], commanding: str, streams: str, log: EventLog
@@ -48,7 +48,7 @@ class MavsdkMessageFleet(MavsdkFleet):
         await super().close()
 
     async def changed(self) -> None:
-        """Return when something was heard since the last call; a drone that is not heard may come back."""
+        """Return when a message arrived since the last call. A silent drone is no error: it may return."""
         self._news.clear()
         await self._news.wait()
 
@@ -68,20 +68,20 @@ class MavsdkMessageFleet(MavsdkFleet):
             return accepted if isinstance(accepted, Result) else Result(self._number, Word.ACCEPTED.label)
 
     async def settle(self) -> bool:
-        """A call has ended when it returned, but for its copies and for offboard's set-points."""
+        """End offboard's set-points, and wait for copies of the last call, which itself ended when it returned."""
         await self._wait_for_copies()
         if self._is_in_offboard and self._offboard is not None:
             self._is_in_offboard = False
             with self._noting_copies():
                 try:
                     await self._calls.run(self._offboard.stop())
-                except OffboardError as error:  # the set-points have ended all the same
+                except OffboardError as error:  # the set-points have ended anyway
                     logger.warning("offboard: %s", error)
             await self._wait_for_copies()
         return True
 
     def follows(self, armed: bool) -> bool:
-        """MAVSDK changes the mode first where it does not know the drone in hold."""
+        """Hold counts too: MAVSDK first changes the mode, unless it knows the drone in hold."""
         status = self.status(self._number)
         return status.armed is armed and status.mode == "hold"
 
@@ -113,15 +113,17 @@ class MavsdkMessageFleet(MavsdkFleet):
 
     @contextlib.contextmanager
     def _noting_copies(self) -> Iterator[None]:
-        """A call that is repeated may be answered twice, and an acknowledgement does not say which call it is for.
+        """Note until when answers to the copies of a call may arrive; an acknowledgement does not name its call.
 
-        What was repeated takes no longer to come and to be answered than the call itself took.
+        A copy and its answer take no longer than the call itself took.
         """
         clock = asyncio.get_running_loop().time
         asked_s = clock()
-        yield
-        now_s = clock()
-        self._copies_until_s = now_s + (now_s - asked_s) if now_s - asked_s >= REPEATED_S else now_s
+        try:
+            yield
+        finally:
+            now_s = clock()
+            self._copies_until_s = now_s + (now_s - asked_s) if now_s - asked_s >= REPEATED_S else now_s
 
     async def _wait_for_copies(self) -> None:
         left_s = self._copies_until_s - asyncio.get_running_loop().time()
@@ -129,7 +131,7 @@ class MavsdkMessageFleet(MavsdkFleet):
             await asyncio.sleep(left_s)
 
     async def _enter_offboard(self, drone: MavsdkDrone) -> None:
-        """A set-point first, then the mode; MAVSDK repeats the set-point twenty times a second."""
+        """Send a set-point, then change the mode; MAVSDK repeats the set-point twenty times per second."""
         if self._offboard is None:
             self._offboard = OffboardAsync(drone.system)
         self._is_in_offboard = True
@@ -137,7 +139,7 @@ class MavsdkMessageFleet(MavsdkFleet):
         await self._offboard.start()
 
     def _subscription(self, name: str) -> tuple[AsyncGenerator[Any, None], Callable[[Any], dict[str, Any]]]:
-        """Where MAVSDK reports a state, and its value as MQTT-XT's states have it."""
+        """MAVSDK's subscription to a state, and the conversion to MQTT-XT's values."""
         telemetry = self._drone.telemetry
         if name == "battery":
             return telemetry.subscribe_battery(), lambda told: {"remaining_pct": round(told.remaining_percent)}
@@ -154,7 +156,7 @@ class MavsdkMessageFleet(MavsdkFleet):
             async with asyncio.timeout(RATE_LIMIT_S):
                 with self._noting_copies():
                     await self._drone.ask_rate(name, rate_hz)
-                await self._wait_for_copies()  # each makes the autopilot send a value at once
+                await self._wait_for_copies()  # each copy makes the autopilot send a value at once
         except TimeoutError:
             raise MissionError(f"rate of {name}: no answer within {RATE_LIMIT_S:g} s") from None
 

@@ -1,4 +1,4 @@
-"""Sensors' readings from a plain MQTT broker: for a fleet whose own protocol cannot carry them."""
+"""Sensors' readings from a plain MQTT broker, for a fleet whose protocol cannot carry them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import logging
 import secrets
 from collections.abc import Callable, Hashable
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Inbound, Subscribe
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.errors import MqttxtError, PayloadError
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.readings import ReadingMessage, checked
@@ -21,10 +22,10 @@ LINK = "readings"
 
 
 class PlainReadings:
-    """A subscriber of `fogX/droneY/sensorS/K` at a cloud's broker, which bridges bring there, at QoS 1.
+    """A QoS 1 subscriber to `fogX/droneY/sensorS/K` at a cloud broker, to which bridges forward readings.
 
-    Raises mqttxt.ConfigurationError for a broker that cannot be one. `on_reading` gets each reading once, `on_lost` is
-    called when no further one will come, because the broker refuses; why is in `lost`.
+    Raises mqttxt.ConfigurationError for an invalid broker address. `on_reading` gets each reading once. `on_lost` is
+    called when no more will arrive, because the broker refuses; `lost` has the reason.
     """
 
     def __init__(
@@ -46,11 +47,11 @@ class PlainReadings:
 
     @property
     def missing(self) -> list[str]:
-        """What there is to wait for yet."""
+        """What connecting still waits for."""
         return [] if self._subscribed.is_set() else [f"{self._address} does not answer"]
 
     async def connect(self) -> None:
-        """Return when everything is subscribed to; raises MissionError when the broker refuses."""
+        """Return when all is subscribed. Raises MissionError if the broker refuses."""
         client_id = f"mission-readings-{secrets.token_hex(4)}"
         self._link = MqttLink(LINK, self._address, client_id, None, self)
         self._running = asyncio.create_task(self._link.run())
@@ -86,13 +87,13 @@ class PlainReadings:
         self._subscribed.set()
 
     def published(self, link: str, ref: Hashable, code: int) -> None:
-        """Nothing is published here."""
+        """This client publishes nothing."""
 
     def count(self, kind: str, detail: str) -> None:
         logger.warning("%s: %s", kind, detail)
 
     def received(self, link: str, message: Inbound) -> None:
-        """A bridge may hand a reading on twice."""
+        """Report a new reading; a bridge may forward one twice."""
         try:
             fog, reading = self._read(message)
         except PayloadError as error:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from mqttxt.cli.common import IdentityFolder, Insecure, errors_as_lines, run_role, set_up_logging, settings
-from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.transport import Transport
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.names import check_number

@@ -6,8 +6,9 @@ import json
 import time
 from pathlib import Path
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.runner import Runner
 from mqttxt.core.settings import Settings
 from mqttxt.errors import ConfigurationError
@@ -19,11 +20,11 @@ from mqttxt.security.seal import Seal
 from .node import LINK, Dropped, Finished, Measured, SensorNode, SensorOptions
 
 LONGEST_PAUSE_S = 1.0
-"""A drone may be within reach for a short time only: it is called for every second."""
+"""The longest pause between connection attempts: a drone may be within reach for a short time only."""
 
 
 class EventFile:
-    """JSON lines of every reading, for a check of what arrived elsewhere; raises ConfigurationError."""
+    """JSON lines of every reading measured or dropped, to check arrivals elsewhere; raises ConfigurationError."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -48,7 +49,7 @@ class EventFile:
 
 
 class SensorRunner(Runner):
-    """Runs a sensor node until it has measured all it should."""
+    """Runs a sensor node until it is finished; `events` records its readings."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Delays of commands: each message by its number, and how they are distributed."""
+"""Delays of commands: each message by its number, and their distribution."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .axes import Scale, bottom, decades, legend, log_bounds, quantile, side, st
 from .draw import Drawing
 from .figure import Figure
 
-_LEAST_MS = 0.01
+LEAST_MS = 0.01
 
 
 @dataclass(frozen=True)
 class Delays:
-    """One command's one-way delays on one side, in their order, with the attempt of each; milliseconds."""
+    """One command's one-way delays on one side, in order, with the attempt of each; milliseconds."""
 
     values: tuple[float, ...]
     attempts: tuple[int, ...]
     by_application: tuple[float, ...]
-    """Call to callback, as the applications themselves saw it."""
+    """From the call to the callback, as measured by the applications."""
 
 
 Kinds = dict[str, dict[str, Delays]]
@@ -31,7 +31,7 @@ Kinds = dict[str, dict[str, Delays]]
 
 
 class Numbered(Protocol):
-    """Values in their order, milliseconds or None, with the attempt of each."""
+    """Values in order, milliseconds or None, with the attempt of each."""
 
     @property
     def values(self) -> tuple[float | None, ...]: ...
@@ -43,7 +43,7 @@ class Numbered(Protocol):
 def rows_by_number(
     kinds: Mapping[str, Mapping[str, Numbered]],
 ) -> tuple[tuple[str, str, int, int, float | None], ...]:
-    """A figure's data: kind, protocol, attempt, the value's number over all attempts, and the value."""
+    """The rows of a figure's data: kind, protocol, attempt, the value's number over all attempts, and the value."""
     return tuple(
         (name, protocol, attempt, number, value)
         for name, by in kinds.items()
@@ -53,7 +53,7 @@ def rows_by_number(
 
 
 def delays_of(completed: dict[str, list[AttemptEntry]], order: list[str]) -> Kinds:
-    """From the completed attempts of each side; commands in the given order, others after them."""
+    """Collect the delays of each side's completed attempts; commands in the given order, others after them."""
     said = {name for attempts in completed.values() for one in attempts for name in one["delay_ms"]}
     names = [*(name for name in order if name in said), *sorted(said - set(order))]
     found: Kinds = {}
@@ -68,7 +68,7 @@ def delays_of(completed: dict[str, list[AttemptEntry]], order: list[str]) -> Kin
 
 
 def by_number(kinds: Kinds) -> Figure | None:
-    """Each delay as a point; None where there are none."""
+    """The figure with each delay as a point; None without delays."""
     if not kinds:
         return None
     return Figure(
@@ -88,7 +88,7 @@ def by_number(kinds: Kinds) -> Figure | None:
 
 
 def distribution(kinds: Kinds) -> Figure | None:
-    """The share of messages that arrived within a time; None where there are no delays."""
+    """The figure of the share of messages that arrived within a time; None without delays."""
     if not kinds:
         return None
     own = any(one.by_application for by in kinds.values() for one in by.values())
@@ -114,7 +114,7 @@ def distribution(kinds: Kinds) -> Figure | None:
 
 
 def draw_shares(kinds: Kinds, width: float) -> Drawing:
-    """A panel for each of `kinds`, with the share of its messages that arrived within a time."""
+    """Draw a panel for each of `kinds`, with the share of its messages that arrived within a time."""
     return _panels(kinds, width, _draw_shares, 130)
 
 
@@ -133,7 +133,7 @@ def medians(kinds: Mapping[str, Mapping[str, Numbered]]) -> str:
 
 
 def middle_half(drawing: Drawing, x: float, up: Scale, ordered: Sequence[float], protocol: str, about: str) -> None:
-    """A bar over the middle half of delays, with a stroke at their median."""
+    """Draw a bar over the middle half of the delays, with a stroke at their median."""
     ends = [up(quantile(ordered, part)) for part in (0.25, 0.75)]
     median = quantile(ordered, 0.5)
     tip = f"{about}: median {words.milliseconds(median)} of {len(ordered):,}"
@@ -144,7 +144,7 @@ def middle_half(drawing: Drawing, x: float, up: Scale, ordered: Sequence[float],
 def _panels(
     kinds: Kinds, width: float, draw: Callable[[Drawing, dict[str, Delays], Scale, Scale], None], high: float
 ) -> Drawing:
-    """A panel a command, all to one scale of delays: side by side, or below each other where it is narrow."""
+    """Draw a panel per command, all with one scale of delays: side by side, or stacked if the width is small."""
     narrow = width < 600
     columns = 1 if narrow else min(len(kinds), 3)
     rows = -(-len(kinds) // columns)
@@ -153,7 +153,7 @@ def _panels(
     protocols = dict.fromkeys(protocol for by in kinds.values() for protocol in by)
     legend(drawing, [p for p in wording.PROTOCOL_NAMES if p in protocols], 0, 13)
     values = [ms for by in kinds.values() for one in by.values() for ms in (*one.values, *one.by_application)]
-    low, most = log_bounds(values, _LEAST_MS)
+    low, most = log_bounds(values, LEAST_MS)
     wide = (width - left - (columns - 1) * gap - 4) / columns
     for place, (name, by) in enumerate(kinds.items()):
         x = left + (place % columns) * (wide + gap)

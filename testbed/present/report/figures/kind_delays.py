@@ -1,4 +1,4 @@
-"""The message set's delays: each message of a kind in its order, and those that were lost in their place."""
+"""The message set's delays: each message of a kind in order, with lost ones marked."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from ....numbers import words
 from ....numbers.attempt_entry import AttemptEntry
 from ....plan import wording
 from .axes import Scale, decades, log_bounds, quantile, side
-from .delays import medians, middle_half, rows_by_number
+from .delays import LEAST_MS, medians, middle_half, rows_by_number
 from .draw import TEXT, Drawing, Point, width_of
 from .figure import Figure
 from .panels import Panel, begin, lay_out
 
 MOST_DOTS = 120
-"""Messages of a side up to which each is a dot; more of them are drawn in groups."""
+"""The most messages of a side that are drawn as dots; more are drawn in groups."""
 GROUPS = 60
-_LEAST_MS = 0.01
 _HIGH, _BELOW = 116.0, 62.0
 _STRIP = 7.0
-"""The room of each side's marks of lost messages, above what arrived."""
+"""The height of each side's row of lost messages, above the delays."""
 
 
 _LOST_NOTE = " A cross on top is a message that never arrived; of a group a bar, the darker the more of it were lost."
@@ -27,7 +26,7 @@ _LOST_NOTE = " A cross on top is a message that never arrived; of a group a bar,
 
 @dataclass(frozen=True)
 class Series:
-    """One kind's one-way delays on one side, in their order, with the attempt of each; None: it was lost."""
+    """One kind's one-way delays on one side, in order, with the attempt of each; None: lost."""
 
     values: tuple[float | None, ...]
     attempts: tuple[int, ...]
@@ -42,7 +41,7 @@ Kinds = dict[str, dict[str, Series]]
 
 
 def series_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> Kinds:
-    """From the completed attempts of each side."""
+    """Collect the delays of each side's completed attempts, kinds in the given order."""
     found: Kinds = {}
     for name in order:
         for protocol, attempts in completed.items():
@@ -59,7 +58,7 @@ def series_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) 
 
 
 def kind_delays(kinds: Kinds) -> Figure | None:
-    """None where nothing arrived."""
+    """The figure of delays by kind; None if nothing arrived."""
     if not any(one.arrived for by in kinds.values() for one in by.values()):
         return None
     grouped = any(len(one.values) > MOST_DOTS for by in kinds.values() for one in by.values())
@@ -91,7 +90,7 @@ def _draw(kinds: Kinds, width: float) -> Drawing:
     protocols = [p for p in wording.PROTOCOL_NAMES if any(p in by for by in kinds.values())]
     panels = lay_out(list(kinds), width, _HIGH, _BELOW)
     drawing = begin(panels, protocols, width, _BELOW)
-    low, most = log_bounds([ms for by in kinds.values() for one in by.values() for ms in one.arrived], _LEAST_MS)
+    low, most = log_bounds([ms for by in kinds.values() for one in by.values() for ms in one.arrived], LEAST_MS)
     for panel in panels:
         up = Scale(low, most, panel.y + panel.high, panel.y + 2 + _STRIP * len(protocols), logarithmic=True)
         side(drawing, up, decades(low, most, words.delay, 5), panel.x, panel.x + panel.wide, panel.first)
@@ -103,7 +102,7 @@ def _draw(kinds: Kinds, width: float) -> Drawing:
 
 
 def _count(drawing: Drawing, panel: Panel, by: dict[str, Series]) -> None:
-    """How many messages there were, and how many of them were lost: below the panel, a line a side if any was."""
+    """Write the number of messages, and of lost ones, below the panel: a line per side if any was lost."""
     lost = {protocol: one.values.count(None) for protocol, one in by.items()}
     x, y = panel.x, panel.y + panel.high + TEXT + 5
     for protocol, one in by.items():

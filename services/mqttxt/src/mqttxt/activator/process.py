@@ -6,12 +6,13 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+from ..core.address import BrokerAddress
 from ..core.audit_log import AuditLog
 from ..core.bond import Bond, connections
 from ..core.clock import SessionClock
 from ..core.embedded_broker import EmbeddedBroker
 from ..core.mqtt.events import LinkEvents
-from ..core.mqtt.link import BrokerAddress, MqttLink
+from ..core.mqtt.link import MqttLink
 from ..core.mqtt.sn.air import Air
 from ..core.runner import Runner
 from ..core.settings import Settings
@@ -25,12 +26,12 @@ from .role import Activator
 
 
 class ActivatorRunner(Runner):
-    """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
+    """Runs one fog's activator. `embedded` is its own broker, None if `fog_broker` runs elsewhere.
 
-    `second` is another broker of the fog, for drones with two connections.
-    `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`. `identity` is
-    the fog's, for `mqtts://` to both; with a `seal` messages are signed. `audit` is its log. `air` is where UAV clients
-    reach it by MQTT-SN, as host and port.
+    `second` is another broker of the fog, for drones with two connections. `advertised` is the fog broker's address
+    for others, if it differs from `fog_broker`. `identity` is the fog's, for `mqtts://` to both brokers; with a `seal`
+    messages are signed. `audit` is the audit log. `air` is the host and port where UAV clients reach the activator by
+    MQTT-SN. Raises ConfigurationError if both sides would use the same root at one broker.
     """
 
     def __init__(
@@ -108,7 +109,7 @@ class ActivatorRunner(Runner):
         return [*own, *super().jobs()]
 
     def carried_out(self) -> None:
-        """Words that wait for others leave on time, not at the next tick."""
+        """Set a timer, so that words that wait for others are sent on time, not at the next tick."""
         due_ms = self.activator.together_due_ms
         if due_ms is not None and self._waking is None:
             pause_s = max(0, due_ms - self.clock.now_ms()) / 1000

@@ -19,21 +19,22 @@ PROBE_S = 0.4
 """How often each connection is measured."""
 LOOK_S = 0.05
 LATE_S = 0.3
-"""So much later than usual a proof may come over another connection before that leads nowhere."""
+"""After a first connection brought a proof, another has this long, plus its usual round trip, to bring it too."""
 MOST_PROOFS = 256
 UNLED_S = 25.0
-"""A connection over which no proof has come for so long, two intervals and a half of leases, is told of."""
+"""A connection that brought no proof for this long, two and a half intervals of leases, is logged."""
 BETTER = 0.7
-"""Another connection is taken where it is better by so much, so that two equal ones do not alternate."""
+"""Another connection is taken below this fraction of the present one's delay, so that two equal ones do not alternate.
+"""
 
 
 def connections(link: str, broker: BrokerAddress, second: BrokerAddress | None) -> dict[str, BrokerAddress]:
-    """The brokers of a link by the names of its connections; with one broker it is the link's own name."""
+    """The brokers of a link, by connection name; a single connection has the link's own name."""
     return {link: broker} if second is None else {f"{link} 1": broker, f"{link} 2": second}
 
 
 class Path(Protocol):
-    """One of the connections, as `mqtt.link.MqttLink` is."""
+    """One of the connections: `mqtt.link.MqttLink`, for example."""
 
     @property
     def address(self) -> BrokerAddress: ...
@@ -67,9 +68,9 @@ class _Member:
     probe_at_s: float = 0.0
     is_stuck: bool = False
     is_led: bool = True
-    """Whether it leads to the other role, as far as that is known."""
+    """Whether it leads to the other role, as far as is known."""
     unled_s: float | None = None
-    """Since when it is up and does not; infinite once that was told."""
+    """When it was first up without leading there; infinite once that was logged."""
 
     @property
     def is_ready(self) -> bool:
@@ -78,7 +79,7 @@ class _Member:
 
 @dataclass
 class _Proof:
-    """Something that comes over each connection that leads to the other role, and over which it has yet to come."""
+    """A message that the other role sends over each of its connections; `missing`: those that have not brought it."""
 
     missing: set[str]
     heard: set[str] = field(default_factory=set)
@@ -87,7 +88,7 @@ class _Proof:
 
 @dataclass(eq=False)
 class _Sent:
-    """A publish with a `ref`: how many PUBACKs are awaited, and over which connections it went."""
+    """A publish with the number of PUBACKs that it awaits, and the connections over which it was sent."""
 
     publish: Publish
     awaited: int = 0
@@ -96,12 +97,13 @@ class _Sent:
 
 
 class Bond:
-    """The link `name` of `owner`, over the connections that are added; it is what these report to.
+    """The link `name` of `owner`, over the connections that are added; these report to it.
 
-    What is to go everywhere, and what is retained, goes over all, the rest over the one that `prefers` names for a
-    topic, else over the best. `on_change` makes what the role does once a connection has come, was lost (its name), is
-    stuck, or another one is the best. With `is_led` a connection is no candidate for the best before a proof has come
-    over it that it leads to the other role, nor while one that came over another has not.
+    Messages with `everywhere` and retained ones are sent over all connections, others over the one that `prefers` names
+    for their topic, else over the best. `on_change` returns the role's effects when a connection is up again, is stuck
+    or was lost (its argument is the name of the lost one), or when another one became the best. With `is_led` a
+    connection ranks below the others until a proof arrives over it that it leads to the other role, and again when a
+    proof arrives over another one only.
     """
 
     def __init__(
@@ -128,27 +130,27 @@ class Bond:
         self._members[name] = _Member(path)
 
     def led(self, link: str, proof: Hashable) -> None:
-        """A connection leads to the other role: what comes over each that does has come over this one."""
+        """A proof arrived over a connection: it leads to the other role, which sends the proof over each of its own."""
         if proof not in self._proofs:
             others = {name for name, member in self._members.items() if member.is_ready}
             self._proofs[proof] = _Proof(others)
             while len(self._proofs) > MOST_PROOFS:
                 del self._proofs[next(iter(self._proofs))]
         known = self._proofs[proof]
-        if link not in known.heard:  # a broker may say it again at any time
+        if link not in known.heard:  # a broker may deliver it again at any time
             known.heard.add(link)
             known.missing.discard(link)
             self._members[link].is_led = True
 
     async def run(self) -> None:
-        """Measure the connections for as long as the role runs."""
+        """Measure the connections until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             self.look(loop.time())
             await asyncio.sleep(LOOK_S)
 
     def look(self, now_s: float) -> None:
-        """Measure, and take the best connection; to be called some twenty times a second."""
+        """Measure the connections and take the best; to be called about twenty times per second."""
         for member in self._members.values():
             if member.is_ready and now_s >= member.probe_at_s:
                 member.probe_at_s = now_s + PROBE_S
@@ -171,7 +173,7 @@ class Bond:
         return usual_s == inf, not self._members[name].is_led, usual_s
 
     def _judge(self, ready: dict[str, float], now_s: float) -> None:
-        """What has not come over a connection by when it does as a rule shows that this one leads nowhere."""
+        """Mark connections over which a proof is overdue: they do not lead to the other role."""
         for proof in self._proofs.values():
             if proof.came_s is None:
                 proof.came_s = now_s
@@ -182,7 +184,7 @@ class Bond:
                     self._members[name].is_led = False
 
     def _tell_unled(self, ready: Iterable[str], now_s: float) -> None:
-        """Whoever has two connections relies on both: one that carries nothing looks like one that does."""
+        """Warn of a connection that is up and carries nothing: to its owner it looks like one to rely on."""
         led = [name for name in ready if self._members[name].is_led]
         for name in ready:
             member = self._members[name]
@@ -222,7 +224,7 @@ class Bond:
                 member.path.unsubscribe(replace(effect, link=name))
 
     def give_up(self, reason: str) -> None:
-        """End all connections; others are begun."""
+        """End all connections; each is then opened anew."""
         for member in self._members.values():
             member.path.give_up(reason)
 
@@ -257,7 +259,7 @@ class Bond:
         self._owner.disconnected(self.name)
 
     def subscribed(self, subscribe: Subscribe) -> None:
-        """What a connection has subscribed to the role hears once; a further one is told what is retained."""
+        """A SUBACK: the role gets the first one for a subscription, further connections get the retained messages."""
         if subscribe.ref == LISTS:
             self._owner.subscribed(subscribe)
             return
@@ -281,7 +283,7 @@ class Bond:
             self._owner.received(self.name, replace(message, path=link))
 
     def published(self, link: str, ref: Hashable, code: int) -> None:
-        """A broker's PUBACK. That nobody subscribes counts once every connection that is there was tried."""
+        """A broker's PUBACK: a failure (no subscriber, say) is reported only after every ready connection was tried."""
         if not isinstance(ref, _Sent) or ref.is_done:
             return
         ref.awaited -= 1
@@ -299,7 +301,7 @@ class Bond:
         return self._members[name].path.address
 
     def _use(self, link: str) -> None:
-        logger.info("%s: over %s", self.name, self._address(link))
+        logger.info("%s: the better connection is that to %s", self.name, self._address(link))
         self.best = link
 
     def _take(self, found: str) -> None:

@@ -1,4 +1,4 @@
-"""Runs a role: carries its effects out in their order, feeds it what arrives, ticks it."""
+"""Runs a role: carries its effects out in their order, passes it the messages that arrive, ticks it."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ logger = logging.getLogger("mqttxt")
 TICK_S = 0.05
 READY_TOUCH_S = 1.0
 KEEP_AGAIN_S = 10.0
-"""After a disk did not take a revocation list, which counts all the same."""
+"""Pause after a revocation list could not be written to disk; the list is in force nevertheless."""
 
 
 class Role(Protocol):
-    """What every role's state machine has. `link` is the name of the connection, for roles that have several."""
+    """The interface of every role's state machine. `link` names the connection, for roles that have several."""
 
     def on_connected(self, link: str, now_ms: int) -> Iterable[Any]: ...
     def on_disconnected(self, link: str, now_ms: int) -> Iterable[Any]: ...
@@ -43,7 +43,7 @@ class Role(Protocol):
     def on_message(self, link: str, message: Inbound, now_ms: int) -> Iterable[Any]: ...
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Iterable[Any]: ...
     def on_identity(self, now_ms: int) -> Iterable[Any]:
-        """The identity has another key, or its fleet a newer revocation list."""
+        """The identity has a new key, or its fleet a newer revocation list."""
         ...
 
     def tick(self, now_ms: int) -> Iterable[Any]: ...
@@ -52,13 +52,13 @@ class Role(Protocol):
 
 
 class Runner:
-    """The world around one role, with its identity. `does` carries out each kind of effect but Publish.
+    """Runs one role with its clock, identity and links. `does` has the function for each kind of effect but Publish.
 
-    Subclasses add to it the effects and events that only their role has.
+    Subclasses add the effects and events that only their role has.
 
-    `lists` are the topics of the revocation list, by connection; `patience_ms` is how long others have to publish it
-    first, None where this node does not; `told` are the topics of connections on which it alone does. Raises
-    ConfigurationError for a ready file that can nowhere be.
+    `lists` has the topics of the revocation list, by connection. `patience_ms` is how long other nodes have to publish
+    it first, None if this node never does. `told` has the topics of connections on which only this node publishes it.
+    Raises ConfigurationError if the folder of the ready file does not exist.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Runner:
         self.service: Service | None = None
         self.links: dict[str, MqttLink] = {}
         self.bonds: dict[str, Bond] = {}
-        """Links of the role over several of `links`."""
+        """Links of the role that have several connections, which are in `links`."""
         fleet = identity.fleet if identity is not None else None
         self.lists = SharedLists(fleet, lists or {}, patience_ms, told)
         self.counts: Counter[str] = Counter()
@@ -100,7 +100,7 @@ class Runner:
         }
 
     async def run(self) -> None:
-        """Run until cancelled or stopped; raises Refused, or what a job failed with, behind the goodbye."""
+        """Run until cancelled or stopped; after the goodbye raises Refused, or the error of a job that failed."""
         self._stopped = asyncio.get_running_loop().create_future()
         if self._audit is not None:
             self._audit.start(self.clock.session)
@@ -120,12 +120,12 @@ class Runner:
                     await asyncio.to_thread(self._audit.close)
 
     def finish(self) -> None:
-        """End `run` as after a cancellation, because the role has done what it was for."""
+        """End `run`, with the goodbye but without an error, because the role has done its work."""
         if self._stopped is not None and not self._stopped.done():
             self._stopped.set_result(None)
 
     def stopped_by(self) -> BaseException | None:
-        """What ended `run`, CancelledError where it was cancelled; None before that, and where `finish` ended it."""
+        """The error that ended `run`, CancelledError after a cancellation; None before that and after `finish`."""
         if self._stopped is None or not self._stopped.done():
             return None
         return asyncio.CancelledError() if self._stopped.cancelled() else self._stopped.exception()
@@ -136,7 +136,7 @@ class Runner:
         return [*(link.run() for link in self.links.values()), *bonds, self._tick()]
 
     async def reload(self) -> None:
-        """Read revocation list, key and certificate anew; a file that cannot be used changes nothing."""
+        """Read revocation list, key and certificate anew; a bad file is logged and changes nothing."""
         identity = self.identity
         if identity is None:
             return
@@ -145,7 +145,7 @@ class Runner:
             if identity.fleet.take(found):
                 self._on_newer_list()
             else:
-                logger.info("revocation list %d", identity.fleet.revoked.number)
+                logger.info("revocation list %d is unchanged", identity.fleet.revoked.number)
             if identity.renew(*await asyncio.to_thread(identity.in_folder)):
                 logger.info("%s signs with its new key", identity.name)
                 self.carry_out(self.role.on_identity(self.clock.now_ms()))
@@ -154,12 +154,12 @@ class Runner:
         self._is_to_keep.set()
 
     def tell_own_broker(self, newest: RevocationList) -> None:
-        """Give the revocation list to the broker that this node runs, if any; blocks. Raises ConfigurationError."""
+        """Pass the revocation list to the broker that this node runs, if any; blocks. Raises ConfigurationError."""
 
     def _on_newer_list(self) -> None:
-        """It counts from now on, also in what is connected already."""
+        """Apply a newer list, to connections that are already up too."""
         assert self.identity is not None
-        logger.info("revocation list %d", self.identity.fleet.revoked.number)
+        logger.info("revocation list %d is in force", self.identity.fleet.revoked.number)
         now_ms = self.clock.now_ms()
         self.lists.on_newer(now_ms)
         for link in self.links.values():
@@ -171,9 +171,9 @@ class Runner:
         return [] if self.identity is None else [self._keep_identity(self.identity)]
 
     async def _keep_identity(self, identity: Identity) -> None:
-        """Write time and revocation list down, now and then and when there is a newer one.
+        """Save the trusted time and the revocation list, at intervals and when a newer list arrives.
 
-        Say once that the certificate is no longer good.
+        Also log once that the certificate is no longer good.
         """
         from ..security.trusted_time import PERSIST_EVERY_S
 
@@ -215,7 +215,7 @@ class Runner:
         return self.bonds.get(link) or self.links[link]
 
     def carried_out(self) -> None:
-        """All that followed from one message, or from the time, is carried out."""
+        """Hook: all effects of one message, or of one tick, have been carried out."""
 
     def connected(self, link: str) -> None:
         self.carry_out(self.lists.on_connected(link))
@@ -246,19 +246,19 @@ class Runner:
         self.carry_out(self.role.on_published(link, ref, code, self.clock.now_ms()))
 
     def count(self, kind: str, detail: str) -> None:
-        """Count something that should not happen; the first of a kind is logged."""
+        """Count an event that should not happen; the first of a kind is logged."""
         self.counts[kind] += 1
         if self.counts[kind] == 1:
             logger.warning("%s: %s (further ones are counted, not logged)", kind, detail)
 
     def _job_ended(self, job: asyncio.Task[Any]) -> None:
-        """A job that fails ends the role, whose links are up for the goodbye; nobody would hear of it otherwise."""
+        """End the role if a job has failed: the error would pass unnoticed. The links stay up for the goodbye."""
         error = None if job.cancelled() else job.exception()
         if error is not None and not self._fail(error):
-            logger.error("failed while it ended: %r", error)
+            logger.error("a job failed during shutdown: %r", error)
 
     def _fail(self, error: BaseException) -> bool:
-        """End `run` with an error, unless something else has ended it."""
+        """End `run` with an error; returns False if it has ended already."""
         if self._stopped is None or self._stopped.done():
             return False
         self._stopped.set_exception(error)
@@ -297,8 +297,9 @@ class Runner:
             logger.info("counted: %s", ", ".join(f"{kind} {n}" for kind, n in sorted(self.counts.items())))
 
     async def _mark(self, path: Path, ready: bool) -> None:
-        """A fresh modification time says ready; an old one, or no file, says not. A disk that fails ends nothing, and
-        one that takes seconds holds nothing up.
+        """Touch the ready file, or remove it: a fresh modification time means ready; an old one, or no file, not ready.
+
+        A failing disk does not end the role, and a slow one does not delay it.
         """
         try:
             await asyncio.to_thread(path.touch if ready else partial(path.unlink, missing_ok=True))
@@ -307,5 +308,5 @@ class Runner:
 
 
 def next_tick(due_s: float, now_s: float) -> float:
-    """When the tick after the one due at `due_s` is: on the same schedule, what was missed left out."""
+    """Time of the tick after the one due at `due_s`: on the same schedule, without the missed ones."""
     return due_s + TICK_S * max(1, ceil((now_s - due_s) / TICK_S))

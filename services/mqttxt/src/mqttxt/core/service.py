@@ -1,4 +1,4 @@
-"""What a role tells systemd, where that runs it (Type=notify, WatchdogSec): that it runs, and whether it is ready."""
+"""Notifications of a role to systemd (Type=notify, WatchdogSec): that it runs, and whether it is ready."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ SOCKET = "NOTIFY_SOCKET"
 
 
 class Service:
-    """One service manager's socket, a datagram per call. What it does not take is lost: that ends no role.
+    """The service manager's socket; each call sends one datagram. One that cannot be sent is lost, and ends no role.
 
-    Being ready is its status alone. A drone out of coverage runs, and a boot does not wait for it.
+    Readiness only shows in STATUS; READY=1 is sent in any case. So a boot does not wait for a drone out of coverage.
     """
 
     def __init__(self, address: str) -> None:
@@ -24,16 +24,16 @@ class Service:
 
     @classmethod
     def of(cls, environment: Mapping[str, str] = os.environ) -> Self | None:
-        """The one that started this process; None where there is none."""
+        """The service manager that started this process; None if none did."""
         address = environment.get(SOCKET)
         return cls(address) if address else None
 
     def alive(self, is_ready: bool) -> None:
-        """The event loop goes round; a role that no longer says so is ended and started again."""
+        """Report that the event loop runs; systemd restarts a role that no longer does."""
         self._say("READY=1", "WATCHDOG=1", f"STATUS={'ready' if is_ready else 'not ready'}")
 
     def ending(self) -> None:
-        self._say("STOPPING=1", "STATUS=taking leave")
+        self._say("STOPPING=1", "STATUS=shutting down")
 
     def _say(self, *lines: str) -> None:
         with contextlib.suppress(OSError):

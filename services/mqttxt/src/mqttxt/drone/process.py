@@ -1,4 +1,4 @@
-"""The UAV client as a process: an autopilot's link, a broker's, and the role between them."""
+"""The UAV client as a process: the links to autopilot and broker, and the role between them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import logging
 from pathlib import Path
 from typing import Any
 
+from ..core.address import BrokerAddress
 from ..core.audit_log import AuditLog
 from ..core.bond import Bond, connections
 from ..core.clock import SessionClock
 from ..core.mqtt.events import LinkEvents
-from ..core.mqtt.link import BrokerAddress, MqttLink
+from ..core.mqtt.link import MqttLink
 from ..core.runner import Runner
 from ..core.settings import Settings
 from ..errors import ConfigurationError
@@ -46,15 +47,15 @@ from .sensors.port import SensorOptions, SensorPort
 logger = logging.getLogger("mqttxt")
 
 LIST_PATIENCE_MS = 3000
-"""The activator publishes the revocation list sooner: otherwise all drones of a fog would at once."""
+"""How long the activator has to publish the revocation list first: otherwise all drones of a fog would at once."""
 
 
 class UavRunner(Runner):
-    """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker.
+    """Runs a UAV client: connects to the broker after the autopilot's heartbeat with the right system id.
 
-    With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes; with a `signing`
-    MAVLink is signed. `second` is another broker of the same fog: both connections stay up. `audit` is its log,
-    `parameters` keeps what a station was given of the autopilot's, `logs` the autopilot's flight logs.
+    With a `seal` messages are signed, and only the activator of `fog` may give leases; with a `signing` MAVLink is
+    signed. `second` is another broker of the same fog: both connections stay up. `audit` is the audit log,
+    `parameters` keeps the parameter set that a station was given last, `logs` the autopilot's flight logs.
     """
 
     def __init__(
@@ -108,7 +109,7 @@ class UavRunner(Runner):
         events: LinkEvents = self
         if second is not None:
             self.client.paths = Paths(next(iter(brokers)), settings.beacon_interval_ms)
-            self.client.desk.first_words.wait_ms = None  # commands go over the other one where no word comes soon
+            self.client.desk.first_words.wait_ms = None  # a command without an early word is sent over the other one
             bond = events = self.bonds[LINK] = Bond(
                 LINK, self, lambda lost: self.client.on_path(lost, clock.now_ms()), is_led=True
             )
@@ -154,7 +155,7 @@ class UavRunner(Runner):
             self._sensors.reload(newest)
 
     def _journal(self, effect: Journal) -> None:
-        """Nothing is started that the journal does not have: at once where its front has it, else once the disk has."""
+        """Record an effect; an opened command starts at once if the journal's front has it, else once the disk has."""
         if self._keeper.record(effect):
             self.carry_out(self.client.desk.on_journalled(effect.id, self.clock.now_ms()))
 
@@ -170,7 +171,7 @@ class UavRunner(Runner):
         self.count("journal", str(error.strerror or error))
 
     def _transmit(self, effect: Transmit) -> None:
-        """The last look at the clock is here, immediately before the write."""
+        """Check the clock for the last time, immediately before the write."""
         before_ms = self.clock.now_ms()
         late = effect.not_after_ms is not None and before_ms > effect.not_after_ms
         written = not late and self._autopilot.write(effect.message, effect.source)
@@ -227,7 +228,7 @@ class UavRunner(Runner):
         self.count(found.kind, found.reason)
 
     async def _keep_stamps(self, stamps: Stamps) -> None:
-        """Keep the file of MAVLink's time stamps ahead of them; a disk that does not take it ends nothing."""
+        """Keep the file of MAVLink's time stamps ahead of the used ones; a write error is only counted."""
         while True:
             if stamps.is_due:
                 try:
@@ -237,7 +238,7 @@ class UavRunner(Runner):
             await asyncio.sleep(KEEP_EVERY_S)
 
     async def _keep_parameters(self, file: ParameterFile) -> None:
-        """Keep the newest set that a station was given; a disk that does not take it ends nothing."""
+        """Keep the newest parameter set that a station was given; a write error is only counted."""
         while True:
             given = self.client.parameters.newest_given
             if given is not None and given is not file.kept:

@@ -1,4 +1,4 @@
-"""What browsers are shown, and what they ask for: the page without its web server."""
+"""The content that browsers are shown, and their requests: the page without its web server."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.outcomes import ControlChanged, Event, PsmiList, QodsRanking, Reachability, StateUpdate
 from ..station.plan import Plan
-from ..station.views import Drone, Fog
+from ..station.views import TTL_S, Drone, Fog
 from .desk import Desk, Order
 from .drafts import Draft, draft_of, path_of
 from .event_log import EventLog, as_plain
 from .fleet import STALE_MS, drone_of, fog_of, name_of, standing_of
 from .history import ChartKey, History
 from .links import Links
-from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, LookRequest, catalogue, read_request
+from .offers import LONGEST_TTL_S, DroneKey, LinkRequest, LookRequest, catalogue, read_request
 from .places import Place
 from .tiles import Offer
 from .words import why_left_out
 
 REVIEW_S = 0.5
 MOST_ENTRIES = 500
-"""Log entries in one message; a browser that is further behind misses older ones, which the export still has."""
+"""Log entries in one message; a browser that is further behind misses older ones, which the export has."""
 MOST_ANSWERS = 100
 MOST_LINES = 10
-"""Of one answer's mistakes; `mqttxt gs plan upload` tells all of a file's."""
+"""Lines of mistakes in one answer; `mqttxt gs plan upload` prints all of a file's."""
 LOOK_S = 1.0
-"""How often links are looked at."""
+"""How often the links are read."""
 _ONLY_WATCHES = "this page only watches: start it without --watch-only to command"
 _NO_LINKS = "this page has no links to change"
 _NOT_OPEN = "the page is starting or ending: nothing was sent"
 
 
 class Viewer:
-    """One browser: what it has not been sent yet."""
+    """One browser, with everything that it has not been sent yet."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
@@ -54,7 +54,7 @@ class Viewer:
         self._points: dict[ChartKey, int] = {}
 
     def take(self) -> dict[str, Any]:
-        """Everything that has changed since the last call, empty where nothing has."""
+        """Everything that has changed since the last call; empty if nothing has."""
         live, update = self._live, dict[str, Any]()
         if not self._has_begun:
             self._has_begun = True
@@ -98,11 +98,11 @@ class Live:
 
     Parameters:
         station: an entered station, or several as one; where pages may command, one that wants control.
-        fogs: what it is connected to.
-        watch_only: no command that a page asks for is carried out.
-        links: shown and changed, too; None: there are none.
-        tiles: what the map may ask for; None: nothing.
-        places: shown on the map and found by their names.
+        fogs: the fogs that it is connected to.
+        watch_only: no command that a page requests is carried out.
+        links: links to show and change; None: none.
+        tiles: the tiles that the map may request; None: none.
+        places: places that the map shows and that are found by name.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class Live:
                 self.history.on_reading(reading)
 
     async def run(self) -> None:
-        """Listen until the station has ended; raises BrokerRefused where the broker ended it."""
+        """Run until the station has ended; raises BrokerRefused if the broker ended it."""
         try:
             async with asyncio.TaskGroup() as group:
                 self._group = group
@@ -152,17 +152,17 @@ class Live:
             self._desk = self._group = None
 
     def enter(self) -> Viewer:
-        """A browser that is shown everything from now on."""
+        """Add a browser, which is shown everything from now on."""
         viewer = Viewer(self)
         self._viewers.add(viewer)
         return viewer
 
     def leave(self, viewer: Viewer) -> None:
-        """A browser that is gone."""
+        """Remove a browser."""
         self._viewers.discard(viewer)
 
     def on_request(self, text: str) -> dict[str, Any]:
-        """Carry out what a page asks for; returns its answer, where it was refused with `error`."""
+        """Carry out a page's request; returns the answer, with `error` if it was refused."""
         number: int | None = None
         try:
             number, request = read_request(text, now_ms())
@@ -180,7 +180,7 @@ class Live:
             return {"number": number, "error": "\n".join(_first(error.lines))}
 
     def hello(self) -> dict[str, Any]:
-        """What does not change."""
+        """The content that does not change."""
         stations = self._station.stations if isinstance(self._station, Fleets) else {"": self._station}
         return {
             "station": self._station.name,
@@ -197,7 +197,7 @@ class Live:
         }
 
     def drones(self) -> dict[DroneKey, tuple[Fog, Drone]]:
-        """Every drone that a fog knows, with that fog."""
+        """Every drone known to a fog, with that fog."""
         return {(fog.fleet, fog.number, drone.number): (fog, drone) for fog in self.fogs for drone in fog.drones}
 
     def rankings(self) -> dict[str, Any]:
@@ -228,7 +228,7 @@ class Live:
             viewer.orders[order.number] = order
 
     async def _look(self, links: Links) -> None:
-        """Look at the links, in a thread: reading what they carried takes its time."""
+        """Read the links every LOOK_S, in a thread, because reading their traffic takes time."""
         while True:
             async with self._linking:
                 self.shown_links = [asdict(figures) for figures in await asyncio.to_thread(links.look)]
@@ -237,7 +237,7 @@ class Live:
             await asyncio.sleep(LOOK_S)
 
     async def _change(self, links: Links, wanted: LinkRequest) -> None:
-        """Change a link; why it was not changed is told to everybody who looks."""
+        """Change a link; if that fails, every browser gets the reason."""
         figures = [f"{name} {text}" for name, text in wanted.figures.items()] + ["closed" if wanted.closed else "open"]
         said = f"link {printable(wanted.name)}: {printable('as planned' if wanted.back else ', '.join(figures))}"
         try:
@@ -253,7 +253,7 @@ class Live:
         self.log.add("Link", said)
 
     async def _review(self) -> None:
-        """Look for what changes without an event: a fog that is not heard any more, and with it its drones."""
+        """Look for changes that have no event: a fog whose beacons stopped, and its drones with it."""
         while True:
             await asyncio.sleep(REVIEW_S)
             fogs, standings = self._seen
@@ -273,12 +273,12 @@ class Live:
 
 
 def now_ms() -> float:
-    """The time that updates tell pages, and pages their requests; it never goes back."""
+    """The time, in ms, that updates give to pages, and pages to their requests; it never goes back."""
     return asyncio.get_running_loop().time() * 1000
 
 
 def _seen(plan: Plan) -> dict[str, Any]:
-    """What a page shows of a file, and what its editor takes of it, or why that takes nothing."""
+    """What a page shows of a plan file, with the editor's draft of it or the reason why there is none."""
     draft = draft_of(plan)
     return {
         "text": str(plan),
@@ -289,13 +289,13 @@ def _seen(plan: Plan) -> dict[str, Any]:
 
 
 def _shown(found: PsmiList) -> dict[str, Any]:
-    """A choice with why each drone was left out, in plain English."""
+    """A choice, with the reason in plain English for each drone that was left out."""
     left_out = [as_plain(one) | {"plain": why_left_out(one)} for one in found.left_out]
     shown: dict[str, Any] = as_plain(found)
     return shown | {"left_out": left_out}
 
 
 def _first(lines: tuple[str, ...]) -> list[str]:
-    """The first lines, and how many more there are."""
+    """The first lines, and the number of further ones."""
     more = len(lines) - MOST_LINES
     return [*lines[:MOST_LINES], *([f"and {more} more"] if more > 0 else [])]

@@ -1,4 +1,4 @@
-"""What the page offers to send, with units and limits, and how a request of a page is read.
+"""The commands that the page offers, with units and limits, and the reading of a page's requests.
 
 Disarming and anything forced are not offered.
 """
@@ -10,36 +10,36 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
-from ..core.clock import DEFAULT_TTL_MS
+from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.codec import layout_of
 from ..protocol.commands import BROADCASTABLE, Arm, Command, Goto, Hold, Land, Pause, Return, Takeoff
 from ..protocol.names import MAX_DRONE, parse_in_fleet
 from ..protocol.topics import SELECTABLE
 from ..station.plan import Plan
+from ..station.views import TTL_S
 
 OFFERED: dict[str, type[Command]] = {cls.name: cls for cls in (Arm, Takeoff, Goto, Hold, Land, Return, Pause)}
-TTL_S = DEFAULT_TTL_MS / 1000
-LONGEST_TTL_S = 60.0
+LONGEST_TTL_S = MAX_TTL_MS / 1000
 MOST_AHEAD_MS = 100.0
-"""By which a page's idea of the time may be ahead: its clock has a resolution."""
+"""How far a page's time may be ahead of the program's: its clock has a limited resolution."""
 MOST_LISTED = 2500
 """Drones or fogs of one request: those of ten fleets."""
 MOST_NAME = 100
 LINK_FIGURES = ("rate", "delay", "loss")
 _LABELS = {"altitude_m": "Height"}
-"""Where a field's own name is not how the page calls it elsewhere."""
+"""Labels of fields that the page calls by another name."""
 _UNITS = {"_m": "metres above home", "_deg": "degrees"}
 
 FogKey = tuple[str, int]
-"""The name of its fleet, empty where there is one alone, and a fog's number."""
+"""The name of the fleet, empty for a single fleet, and the fog's number."""
 DroneKey = tuple[str, int, int]
-"""The same, and a drone's number."""
+"""The same and the drone's number."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """Whom a request is for: single `drones`, every drone of `fogs`, or of these fogs the `best` alone."""
+    """The addressees of a request: single `drones`, every drone of `fogs`, or only the `best` of these fogs."""
 
     drones: tuple[DroneKey, ...] = ()
     fogs: tuple[FogKey, ...] = ()
@@ -48,7 +48,7 @@ class Target:
 
 @dataclass(frozen=True)
 class CommandRequest:
-    """`command` to `target`, started within `ttl_s` seconds from now or not at all."""
+    """Send `command` to `target`, to start within `ttl_s` seconds from now or not at all."""
 
     command: Command
     target: Target
@@ -57,14 +57,14 @@ class CommandRequest:
 
 @dataclass(frozen=True)
 class TakeOverRequest:
-    """Take control of `drones`, whoever has it."""
+    """Take control of `drones` from any holder."""
 
     drones: tuple[DroneKey, ...]
 
 
 @dataclass(frozen=True)
 class UploadRequest:
-    """Replace the plan of one drone by `plan`, of the file `name`."""
+    """Replace the plan of one drone by `plan`, which is from the file `name`."""
 
     plan: Plan
     name: str
@@ -73,14 +73,14 @@ class UploadRequest:
 
 @dataclass(frozen=True)
 class LookRequest:
-    """Show `plan`, and send nothing."""
+    """Show `plan` without sending anything."""
 
     plan: Plan
 
 
 @dataclass(frozen=True)
 class MissionRequest:
-    """Fly the mission that this page has uploaded to one drone, from its start, or where it is to `resume`."""
+    """Fly the mission that this page has uploaded to one drone, from its start, or `resume` it."""
 
     drone: DroneKey
     resume: bool
@@ -89,7 +89,7 @@ class MissionRequest:
 
 @dataclass(frozen=True)
 class LinkRequest:
-    """Change the link `name`, as `Links.change` does, or put it back as it was planned."""
+    """Change the link `name`, as `Links.change` does, or put it `back` to its plan."""
 
     name: str
     figures: Mapping[str, str]
@@ -101,7 +101,7 @@ Request = CommandRequest | TakeOverRequest | UploadRequest | MissionRequest
 
 
 def catalogue() -> dict[str, Any]:
-    """Every command that is offered: its parameters with unit, limits and default, and whom it may go to."""
+    """Every offered command: its parameters with unit, limits and default, and its possible addressees."""
     return {
         name: {
             "limit_s": cls.limit_s,
@@ -114,10 +114,10 @@ def catalogue() -> dict[str, Any]:
 
 
 def read_request(text: str, now_ms: float) -> tuple[int, Request | LinkRequest | LookRequest]:
-    """A page's request and its number there; raises ConfigurationError that names field, value and expectation.
+    """Read a page's request and its number; raises ConfigurationError that names field, value and expectation.
 
-    `now_ms` is the time that updates tell pages, in ms. What moves a drone, or takes it, counts from the moment at
-    which it was asked for, `at_ms` of that time: a request that was held back on its way is late by that.
+    `now_ms` is the time that updates give to pages, in ms. The time limit of a request that moves a drone, or takes
+    control, begins at its `at_ms`, when the user asked: a request that was delayed on its way has less time left.
     """
     try:
         found = json.loads(text)
@@ -153,7 +153,7 @@ def read_request(text: str, now_ms: float) -> tuple[int, Request | LinkRequest |
 
 
 def _left_s(found: dict[str, Any], ttl_s: float, now_ms: float) -> float:
-    """What is left of a time limit that began when the page was asked."""
+    """The seconds that are left of a time limit that began when the user asked."""
     late_s = (now_ms - _number(found.get("at_ms"), "at_ms", 0, now_ms + MOST_AHEAD_MS)) / 1000
     if late_s >= ttl_s:
         raise ConfigurationError(
@@ -177,7 +177,7 @@ def _parameter(cls: type[Any], name: str, mark: Any) -> dict[str, Any]:
 
 
 def _plan(found: dict[str, Any]) -> tuple[str, Plan]:
-    """A file's name, and the plan that is in its text."""
+    """A file's name, and the plan in its text."""
     name, text = found.get("name"), found.get("text")
     if not isinstance(name, str) or not 0 < len(name) <= MOST_NAME:
         raise ConfigurationError(f"name {_shown(name)}: expected 1 to {MOST_NAME} characters")
@@ -236,12 +236,12 @@ def _target(found: object) -> Target:
 
 
 def _fog(value: object) -> FogKey:
-    """A fog as pages name it: by its number, of several fleets by a text as `acme/1`."""
+    """A fog as pages name it: by number, or among several fleets by a text such as `acme/1`."""
     return parse_in_fleet("to fog", value) if isinstance(value, str) else ("", _whole(value, "to fog", 2**16))
 
 
 def _check_target(command: Command, target: Target) -> None:
-    """Each drone has a place of its own; only commands for one drone are left to a choice."""
+    """Check that a command suits its addressees: positions need one drone each, a choice a command that PSMI ranks."""
     if target.best:
         if command.name not in SELECTABLE:
             raise ConfigurationError(f"{command.name}: expected {', '.join(SELECTABLE)} to whoever arrives first")
@@ -262,6 +262,6 @@ def _whole(value: object, what: str, most: int) -> int:
 
 
 def _shown(value: object) -> str:
-    """A value of a request in an error, cut to a length that a line can have."""
+    """A request's value for an error, cut to fit a line."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

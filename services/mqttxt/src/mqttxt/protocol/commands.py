@@ -1,4 +1,4 @@
-"""The commands of MQTT-XT: what a ground station can ask of a drone (docs/protocol.md, section 5)."""
+"""The commands of MQTT-XT, from a ground station to a drone (docs/protocol.md, section 5)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,21 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from ..errors import PayloadError
-from .fields import U16, Finite, Hash, Integer, Items, Latitude, Longitude, Name, Real, Scaled, Text, Variant
+from .fields import (
+    FLOAT32_MAX,
+    U16,
+    Finite,
+    Hash,
+    Integer,
+    Items,
+    Latitude,
+    Longitude,
+    Name,
+    Real,
+    Scaled,
+    Text,
+    Variant,
+)
 
 Height = Annotated[float, Scaled(1000, -500, 10_000)]
 """Metres above home."""
@@ -141,7 +155,7 @@ class Stream:
         return 10.0 + (2 / self.rate_hz if self.rate_hz else 0.0)
 
 
-CommandParameter = Annotated[float | None, Real(3.4028234663852886e38)]
+CommandParameter = Annotated[float | None, Real(FLOAT32_MAX)]
 """A parameter of a MAV_CMD; None, or NaN, is MAVLink's "not set"."""
 
 
@@ -160,7 +174,7 @@ class Mavlink:
     limit_s: ClassVar[float] = 60.0
 
     def __post_init__(self) -> None:
-        """NaN is None, so that equal commands compare equal; raises PayloadError for other than seven."""
+        """Replace NaN by None, so that equal commands compare equal. Raises PayloadError unless there are seven."""
         if len(self.params) != 7:
             raise PayloadError(f"mavlink params: expected 7, got {len(self.params)}")
         params = tuple(None if param is None or math.isnan(param) else param for param in self.params)
@@ -282,7 +296,7 @@ COMMAND = Variant("command", tuple((code, cls.name, cls) for code, cls in enumer
 def haversine_m(latitude_1: float, longitude_1: float, latitude_2: float, longitude_2: float) -> float:
     """Great-circle distance in metres between two positions in degrees, on a sphere of R = 6,371,000 m.
 
-    Any finite numbers have one: rounding at antipodes and latitudes beyond a pole are kept inside the sphere.
+    It is defined for any finite numbers: rounding at antipodes and latitudes beyond a pole are clipped.
     """
     phi_1, phi_2 = math.radians(latitude_1), math.radians(latitude_2)
     half_phi = (phi_2 - phi_1) / 2

@@ -1,4 +1,4 @@
-"""How a message's fields are written on the wire, declared beside the fields themselves.
+"""Marks that declare the wire form of a message's fields in their annotations.
 
 A message is a frozen dataclass whose annotations carry one of these marks. From them `codec` makes the
 CBOR form (positional arrays, integers in MAVLink's units) and the JSON form (objects with named fields in
@@ -14,6 +14,9 @@ from typing import Annotated, Any
 
 from ..errors import PayloadError
 from .names import NAME
+
+FLOAT32_MAX = 3.4028234663852886e38
+"""The largest finite number of 32 bits (IEEE 754), as MAVLink's floats have them."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class Variant:
         return {cls: (code, label) for code, label, cls in self.codes}
 
     def tag(self, body: object) -> tuple[int, str]:
-        """The code and the name of a body; raises PayloadError for one that is none of these classes."""
+        """The code and the name of a body. Raises PayloadError for one of another class."""
         tag = self.tags.get(type(body))
         if tag is None:
             raise PayloadError(f"{self.name}: {type(body).__name__} cannot be carried")

@@ -1,4 +1,4 @@
-"""MAVLink messages as they are: every message of common.xml as a state, from pymavlink's own tables."""
+"""Unchanged MAVLink messages as states: every message of common.xml, by pymavlink's own tables."""
 
 from __future__ import annotations
 
@@ -6,25 +6,24 @@ import math
 from functools import cache
 from typing import Annotated, Any, cast
 
-from .fields import Integer, Items, Real, Text
+from .fields import FLOAT32_MAX, Integer, Items, Real, Text
 from .states import FieldValue, MavlinkState
 from .topics import MAVLINK_STATE
 
 _SMALLEST = {"int8_t": -(2**7), "int16_t": -(2**15), "int32_t": -(2**31), "int64_t": -(2**63)}
-_LARGEST_FLOAT = 3.4028234663852886e38
 _LARGEST_DOUBLE = 1.7976931348623157e308
 
 
 @cache
 def kinds() -> dict[str, Any]:
-    """pymavlink's class of each message, by its name in common.xml; most stations never hear one."""
+    """pymavlink's class of each message, by its name in common.xml. Imported late: most stations never receive one."""
     from pymavlink.dialects.v20 import common as mavlink
 
     return {kind.msgname: kind for kind in mavlink.mavlink_map.values()}
 
 
 def kind_of(name: str) -> Any | None:
-    """The class of the message behind state `mavlink/NAME`, None where there is none."""
+    """The class of the message in state `mavlink/NAME`, None for any other name."""
     return kinds().get(name.removeprefix(MAVLINK_STATE)) if name.startswith(MAVLINK_STATE) else None
 
 
@@ -41,7 +40,7 @@ def fields_of(name: str) -> tuple[tuple[str, Any], ...]:
 
 
 def state_of(message: Any) -> MavlinkState:
-    """A received message as a state; a float that is no finite number becomes None."""
+    """A received message as a state; NaN and infinite floats become None."""
     values = {field: _value(getattr(message, field)) for field in message.fieldnames}
     return MavlinkState(MAVLINK_STATE + message.get_type(), values)
 
@@ -51,7 +50,7 @@ def _hint(type_name: str, length: int) -> Any:
         return Annotated[str, Text(max(1, length))]
     one: Any
     if type_name in ("float", "double"):
-        one = Annotated[float | None, Real(_LARGEST_FLOAT if type_name == "float" else _LARGEST_DOUBLE)]
+        one = Annotated[float | None, Real(FLOAT32_MAX if type_name == "float" else _LARGEST_DOUBLE)]
     else:
         bits = int("".join(c for c in type_name if c.isdigit()))
         low = _SMALLEST.get(type_name, 0)

@@ -1,4 +1,4 @@
-"""Numbers and names in topics, and what stands before topics: what they can be (docs/protocol.md, section 2)."""
+"""The allowed numbers and names in topics, and the prefixes of topics (docs/protocol.md, section 2)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ STATIONS = "gs"
 NUMBER = re.compile(r"[1-9][0-9]{0,8}")
 _FOG = re.compile(f"fog{NUMBER.pattern}")
 NAME = "[A-Za-z0-9_.-]{1,64}"
-"""Of ground stations, commands and states; a regular expression as JSON Schema and CDDL read it too."""
+"""Names of ground stations, commands and states, as a regular expression that JSON Schema and CDDL read too."""
 NAME_EXPECTED = "1 to 64 characters out of letters, digits, '_', '.' and '-'"
 _NAME = re.compile(NAME)
 _KIND = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 
 def check_root(root: str) -> str:
-    """What stands before topics, empty or ending in `/`; raises ConfigurationError where MQTT could not carry it."""
+    """A root for topics, returned empty or ending in `/`. Raises ConfigurationError for one that breaks R2.2."""
     if root == "":
         return ""
     levels = root.removesuffix("/").split("/")
@@ -35,7 +35,7 @@ def check_root(root: str) -> str:
 
 
 def check_prefix(prefix: str) -> str:
-    """A fleet's prefix at the cloud broker, as `check_root`; raises ConfigurationError where others' topics are too."""
+    """A fleet's prefix at the cloud broker, as `check_root`, without `gs` and `fogX`. Raises ConfigurationError."""
     root = check_root(prefix)
     for level in root.split("/"):
         if level == STATIONS or _FOG.fullmatch(level):
@@ -46,12 +46,12 @@ def check_prefix(prefix: str) -> str:
 
 
 def in_fleet(fleet: str, number: int) -> str:
-    """A drone's or a fog's number as it is named: `acme/1`, or `1` where there is one fleet alone."""
+    """The name of a drone or a fog: `acme/1`, or `1` if there is only one fleet."""
     return f"{fleet}/{number}" if fleet else f"{number}"
 
 
 def parse_in_fleet(what: str, text: str, most: int = MAX_FOG) -> tuple[str, int]:
-    """The fleet, empty for none, and the number of a name as `in_fleet` writes it; raises ConfigurationError."""
+    """The fleet, empty for none, and the number in a name by `in_fleet`. Raises ConfigurationError."""
     fleet, slash, number = text.rpartition("/")
     if not NUMBER.fullmatch(number) or int(number) > most or (slash and (not fleet or fleet.endswith("/"))):
         expected = f"a whole number from 1 to {most}, with its fleet before it where there are several, as acme/1"
@@ -60,21 +60,21 @@ def parse_in_fleet(what: str, text: str, most: int = MAX_FOG) -> tuple[str, int]
 
 
 def check_station_name(name: str) -> str:
-    """A ground station's name; raises ConfigurationError when it cannot be a topic level."""
+    """A ground station's name. Raises ConfigurationError if it cannot be a topic level."""
     if not _NAME.fullmatch(name):
         raise ConfigurationError(f"ground station name {name!r}: expected {NAME_EXPECTED}")
     return name
 
 
-def check_number(what: str, value: int, most: int = 999_999_999) -> int:
-    """A fog's or drone's number; raises ConfigurationError outside 1..most."""
+def check_number(what: str, value: int, most: int = MAX_FOG) -> int:
+    """A fog's or drone's number. Raises ConfigurationError outside 1..most."""
     if not 1 <= value <= most:
         raise ConfigurationError(f"{what} {value}: expected a whole number from 1 to {most}")
     return value
 
 
 def check_kind(kind: str) -> str:
-    """The name of what a sensor measures, as a topic's last level; raises PayloadError."""
+    """The kind of a sensor's readings, as a topic's last level. Raises PayloadError for an invalid one."""
     if not _KIND.fullmatch(kind):
         raise PayloadError(
             f"sensor kind {kind[:60]!r}: expected 1 to 32 lower-case letters, digits and '_', a letter first", "topic"

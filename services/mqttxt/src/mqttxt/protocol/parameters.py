@@ -1,4 +1,4 @@
-"""An autopilot's parameters on the wire: a whole set, or what has changed since another one (section 17)."""
+"""An autopilot's parameters on the wire: a whole set, or the changes since another set (section 17)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from typing import Annotated
 
 from ..errors import PayloadError
 from .codec import encode
-from .fields import VERSION, Finite, Hash, Items, Name, Named, Version
+from .fields import FLOAT32_MAX, VERSION, Finite, Hash, Items, Name, Named, Version
 from .packing import pack, unpack
 from .plans import hash_of, single
 
 PARAMETERS = "parameters"
 """The kind of a set of parameters among the objects that are carried in pieces."""
 MOST_PARAMETERS = 2000
-LARGEST = 3.4028234663852886e38
-"""Of a float of 32 bits."""
 ParameterName = Annotated[str, Name(16)]
 
 
@@ -34,7 +32,7 @@ class ParameterType(Named):
 
     @property
     def span(self) -> range | None:
-        """The values of a whole number; None for a float."""
+        """The range of an integer type; None for a float."""
         if self is ParameterType.REAL32:
             return None
         bits = int(self.label.lstrip("uint"))
@@ -51,17 +49,17 @@ class Parameter:
     value: Annotated[float, Finite()] | None = None
 
     def __post_init__(self) -> None:
-        """Raises PayloadError for a value that the type does not have; floats are rounded to 32 bits."""
+        """Round floats to 32 bits. Raises PayloadError for a value that the type does not have."""
         value, span = self.value, self.type.span
         if span is not None and value is not None and value == value // 1 and int(value) in span:
             object.__setattr__(self, "value", int(value))
-        elif span is None and (value is None or not abs(value) > LARGEST):
+        elif span is None and (value is None or not abs(value) > FLOAT32_MAX):
             object.__setattr__(self, "value", single(value))
         else:
             raise PayloadError(f"{self.name}: expected {expected(self.type)}, got {value}")
 
     def __str__(self) -> str:
-        """The value, as `set` takes it."""
+        """The value, in the form in which it can be set."""
         return "nan" if self.value is None else shortest(self.value)
 
 
@@ -95,7 +93,7 @@ class ParameterSet:
 
     @classmethod
     def of(cls, parameters: Iterable[Parameter]) -> ParameterSet:
-        """From parameters in any order; of two of a name the last."""
+        """The set of parameters in any order; of two with one name the last counts."""
         by_name = {one.name: one for one in parameters}
         return cls({name: by_name[name] for name in sorted(by_name)})
 
@@ -106,16 +104,16 @@ class ParameterSet:
         return len(self.parameters)
 
     def with_one(self, parameter: Parameter) -> ParameterSet:
-        """The same with another value of one of its parameters."""
+        """The same set with another value for one parameter."""
         return ParameterSet({**self.parameters, parameter.name: parameter})
 
     @cached_property
     def hash(self) -> bytes:
-        """What names the set: the hash of its parameters in CBOR. Raises PayloadError for more than there may be."""
+        """The name of the set: the hash of its parameters in CBOR. Raises PayloadError for too many parameters."""
         return hash_of(encode(_Listed(parameters=tuple(self))))
 
     def packed(self, base: ParameterSet | None = None) -> bytes:
-        """Its bytes, or with `base` what has changed since then; raises PayloadError for too many."""
+        """The bytes of the set, or with `base` those of the changes since it. Raises PayloadError for too many."""
         if base is None:
             return pack(ParametersObject(set=self.hash, parameters=tuple(self)), PARAMETERS)
         changed = tuple(one for one in self if base.parameters.get(one.name) != one)
@@ -125,7 +123,7 @@ class ParameterSet:
 
     @classmethod
     def unpacked(cls, data: bytes, base: ParameterSet | None = None) -> ParameterSet:
-        """From its bytes, and `base` where they are what has changed since then; raises PayloadError."""
+        """The set from its bytes, or from those of the changes since `base`. Raises PayloadError."""
         found = unpack(ParametersObject, data, PARAMETERS)
         before: dict[str, Parameter] = {}
         if found.base is not None:
@@ -139,17 +137,17 @@ class ParameterSet:
 
 
 def expected(kind: ParameterType) -> str:
-    """In words what a value of a type may be."""
+    """The allowed values of a type, in words."""
     span = kind.span
     return (
-        f"a number of at most {LARGEST:.4g} in size"
+        f"a number of at most {FLOAT32_MAX:.4g} in size"
         if span is None
         else f"a whole number from {span.start} to {span.stop - 1}"
     )
 
 
 def shortest(value: float) -> str:
-    """A value of 32 bits in as few digits as name it."""
+    """A 32-bit value in as few digits as identify it."""
     if value == int(value) and abs(value) < 2**53:
         return str(int(value))
     return next(text for text in (f"{value:.{digits}g}" for digits in range(6, 18)) if single(float(text)) == value)

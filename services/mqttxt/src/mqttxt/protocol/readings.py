@@ -1,4 +1,4 @@
-"""What sensors measure, as messages: a reading, and the acknowledgement that it is safe (docs/protocol.md, section 9).
+"""The messages of sensors: a reading, and the acknowledgement that it is safe (docs/protocol.md, section 9).
 
 A reading's key is (drone, sensor, boot, seq): `boot` is random at each start of the sensor, `seq` rises by one
 with each of its readings, whatever their kind.
@@ -11,12 +11,13 @@ from typing import Annotated
 
 from ..errors import PayloadError
 from .fields import U32, VERSION, Finite, Integer, Items, Session, Text, Version
+from .names import MAX_SENSOR
 
 UNITS = {"temperature": "degC", "humidity": "%", "light": "lx"}
 """The kinds whose unit need not travel, because it is always the same."""
 MOST_ACKNOWLEDGED = 100
 
-SensorNumber = Annotated[int, Integer(1, 999_999_999)]
+SensorNumber = Annotated[int, Integer(1, MAX_SENSOR)]
 UnixMilliseconds = Annotated[int, Integer(0, 2**53 - 1)]
 """Milliseconds since 1970 UTC by the sensor's own clock: for people and charts, never for deadlines."""
 
@@ -75,12 +76,12 @@ class Reading:
 
     @property
     def unit(self) -> str:
-        """The value's unit, empty where it has none."""
+        """The value's unit, empty if it has none."""
         return UNITS.get(self.kind) or self.message.unit or ""
 
 
 def checked(sensor: int, kind: str, message: ReadingMessage, said: bytes = b"") -> Reading:
-    """The reading; raises PayloadError for a unit that its kind does not have, or that is no text to show."""
+    """The reading. Raises PayloadError for a unit that its kind does not have, or with unprintable characters."""
     expected = UNITS.get(kind)
     if expected is not None and message.unit not in (None, expected):
         raise PayloadError(f"unit: expected {expected} for {kind}, or none, got {message.unit!r}")

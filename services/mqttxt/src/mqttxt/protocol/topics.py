@@ -1,7 +1,7 @@
-"""Every topic of MQTT-XT is built and parsed here, and nowhere else (docs/protocol.md, section 2).
+"""Builds and parses every topic of MQTT-XT; no other module does (docs/protocol.md, section 2).
 
-Numbers are ASCII `[1-9][0-9]*`, names 1 to 64 of `[A-Za-z0-9_.-]`. A root may be prefixed (`acme/`); on a
-broker that cloud and fog share, the fog side has the root `<prefix>fogX/local/`.
+Numbers are ASCII `[1-9][0-9]*` of at most nine digits, names 1 to 64 of `[A-Za-z0-9_.-]`. A root may have a prefix
+(`acme/`); on a broker that cloud and fog share, the fog side has the root `<prefix>fogX/local/`.
 """
 
 from __future__ import annotations
@@ -12,18 +12,28 @@ from functools import lru_cache
 from typing import ClassVar
 
 from ..errors import PayloadError
-from .names import MAX_DRONE, MAX_SENSOR, NAME, NUMBER, check_kind, check_number, check_prefix, check_station_name
+from .names import (
+    MAX_DRONE,
+    MAX_SENSOR,
+    NAME,
+    NUMBER,
+    STATIONS,
+    check_kind,
+    check_number,
+    check_prefix,
+    check_station_name,
+)
 
 _NAME = re.compile(NAME)
 
 
 @dataclass(frozen=True)
 class DroneTopic:
-    """What a fog-side topic, or the rest of a cloud-side one behind `fogX/`, says: drone, kind, name.
+    """A parsed fog-side topic, or the rest of a cloud-side one after `fogX/`: drone, kind, name.
 
     kind is `reachable`, `clock`, `init_connect`, `state`, `states`, `commands`, `commands_result`, `sensor`,
     `sensor_ack`, `birth`, `stations`, `control`, `bulk` or `bulk_answer`; name is the state's, the
-    command's or the sensor value's kind, empty for the others; sensor is the number in `sensorS`, 0 for the others.
+    command's or the reading's kind, empty for the others; sensor is the number in `sensorS`, 0 for the others.
     """
 
     drone: int
@@ -63,11 +73,11 @@ _DRONE_KINDS = frozenset(
 )
 _NAMED_KINDS = frozenset({"state", "commands_result"})
 MAVLINK_STATE = "mavlink/"
-"""Leads the name of a state that is a MAVLink message as it is."""
+"""The prefix of the names of states that are unchanged MAVLink messages."""
 SELECTABLE = ("goto",)
 """The commands for which PSMI chooses a drone."""
 REVOKED = "fleet/revoked"
-"""Below either side's root: the fleet's revocation list, which every node with an identity hears."""
+"""Below either side's root: the fleet's revocation list, to which every node with an identity subscribes."""
 
 
 def _number(level: str, what: str, most: int) -> int | None:
@@ -127,15 +137,15 @@ class FogSide:
         return f"{self.root}drone{drone}/commands_result/{command}"
 
     def activator_filters(self) -> tuple[str, ...]:
-        """What an activator subscribes to; no two of them match one topic.
+        """An activator's subscriptions on the fog side; no two filters match one topic.
 
-        `+/+/+` is states, results and sensors: a filter cannot say `sensor` and any number.
+        `+/+/+` matches states, results and sensors: a filter cannot express `sensor` with any number.
         """
         kinds = ("reachable", "clock", "states", "bulk_answer", "+/+", "state/mavlink/+")
         return tuple(f"{self.root}+/{rest}" for rest in kinds)
 
     def parse(self, topic: str) -> DroneTopic:
-        """A topic below this root; raises PayloadError for any other."""
+        """Parse a topic below this root. Raises PayloadError for any other."""
         if not topic.startswith(self.root):
             raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
         return _drone_topic(topic, topic.removeprefix(self.root))
@@ -151,7 +161,7 @@ class SensorSide:
         return f"sensor{sensor}/{check_kind(kind)}"
 
     def parse(self, topic: str) -> tuple[int, str]:
-        """Number and kind of a `sensorS/K` topic; raises PayloadError for any other."""
+        """The sensor's number and the kind in a `sensorS/K` topic. Raises PayloadError for any other topic."""
         first, _, kind = topic.partition("/")
         sensor = _number(first, "sensor", MAX_SENSOR)
         if sensor is None:
@@ -201,7 +211,7 @@ class CloudSide:
         return f"{self.root}drone{drone}/clock"
 
     def signed_drone_clock(self, drone: int) -> str:
-        """As a drone's signature names it on either side: the drone says so whose fog's it is."""
+        """The topic that a drone signs for its beacons on either side, by which it names its fog."""
         return self.drone_clock(drone).removeprefix(self.prefix)
 
     def drone_state(self, drone: int, name: str) -> str:
@@ -220,7 +230,7 @@ class CloudSide:
         return f"{self.root}drone{drone}/commands_result/{command}"
 
     def local_root(self) -> str:
-        """The fog side's root on a broker that the cloud side uses too."""
+        """The fog side's root on a broker that it shares with the cloud side."""
         return f"{self.root}local/"
 
     def activator_command_filters(self) -> tuple[str, ...]:
@@ -228,9 +238,9 @@ class CloudSide:
         return (f"{self.root}commands", f"{self.root}+/commands", *select)
 
     def activator_filters(self, signed: bool = False) -> tuple[str, ...]:
-        """What an activator subscribes to beside commands: registrations, stations, its own records.
+        """An activator's subscriptions except commands: registrations, stations, its own records, objects.
 
-        `signed`: where messages are, the stations' grants and acknowledgements too.
+        `signed`: messages are signed, so grants and acknowledgements of stations too.
         """
         return (
             f"{self.root}init_connect",
@@ -238,11 +248,11 @@ class CloudSide:
             f"{self.root}+/reachable",
             f"{self.root}+/bulk",
             *((f"{self.root}+/control", f"{self.root}+/sensor_ack") if signed else ()),
-            f"{self.prefix}gs/+/reachable",
+            f"{self.prefix}{STATIONS}/+/reachable",
         )
 
     def station_filters(self, signed: bool = False) -> tuple[str, ...]:
-        """What a ground station subscribes to; no two of them match one topic. `signed`: where messages are."""
+        """A ground station's subscriptions; no two filters match one topic. `signed`: messages are signed."""
         own = ("reachable", "clock", "states", "QoDS", "PSMI", "commands_result/#")
         drones = (
             "+/reachable",
@@ -254,7 +264,7 @@ class CloudSide:
         return tuple(f"{self.root}{rest}" for rest in (*own, *drones))
 
     def parse(self, topic: str) -> Topic:
-        """A topic of this fog or of a station; raises PayloadError for any other."""
+        """Parse a topic of this fog or of a station. Raises PayloadError for any other."""
         if not topic.startswith(self.root):
             station = station_of(topic, self.prefix)
             if station is None:
@@ -272,7 +282,7 @@ class CloudSide:
 
 @lru_cache(maxsize=8192)
 def _drone_topic(topic: str, below: str) -> DroneTopic:
-    """A topic by its levels below the root; kept, because an activator hears the same ones all the time."""
+    """Parse a topic by its levels below the root; cached, because an activator receives the same ones all the time."""
     levels = below.split("/")
     drone = _number(levels[0], "drone", MAX_DRONE)
     if drone is not None and len(levels) == 2 and levels[1] in _DRONE_KINDS:
@@ -290,12 +300,12 @@ def _drone_topic(topic: str, below: str) -> DroneTopic:
 
 def station_reachable(name: str, prefix: str = "") -> str:
     """`gs/G/reachable`."""
-    return f"{check_prefix(prefix)}gs/{check_station_name(name)}/reachable"
+    return f"{check_prefix(prefix)}{STATIONS}/{check_station_name(name)}/reachable"
 
 
 def station_of(topic: str, prefix: str = "") -> str | None:
     """The station's name of a `gs/G/reachable` topic, None for any other topic."""
     levels = topic.removeprefix(prefix).split("/") if topic.startswith(prefix) else []
-    if len(levels) == 3 and levels[0] == "gs" and levels[2] == "reachable" and _NAME.fullmatch(levels[1]):
+    if len(levels) == 3 and levels[0] == STATIONS and levels[2] == "reachable" and _NAME.fullmatch(levels[1]):
         return levels[1]
     return None

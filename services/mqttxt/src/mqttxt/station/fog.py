@@ -21,33 +21,33 @@ from .outcomes import ControlChanged, Event, QodsRanking, Reachability, StateUpd
 
 LINK = "cloud"
 OFFBOARD_RENEWAL_MS = 1000
-"""How often a station with an open offboard command says that it is there."""
+"""How often a station with an open offboard command registers again (R6.11) and signs grants."""
+LEASE_S = 30
+"""The length of a station's lease at a fog (R6.1)."""
 OFFBOARD_GRANT_MS = 3000
 """How long an offboard command may go on after its station's newest grant."""
 BEACONS_MS = 2000
-"""How long a confirmed registration waits for the records of drones, and the beacons of those that are there."""
+"""How long a confirmed registration waits for the drones' records and, where they are signed, their beacons."""
 NOT_SHOWN_MS = 1000
-"""How long a subscribed station waits to be shown the activator's birth before it asks for it."""
+"""How long after the SUBACK a station waits for the activator's birth before it asks for it (R6.13)."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A registration: when it was sent, and the how-manieth of this station it is."""
+    """A registration whose nonce may be echoed: when it was sent, and its number among this station's at the fog."""
 
     at_ms: int
     number: int
 
 
 class FogView:
-    """What a ground station knows of one fog, in the ground station's own time."""
+    """One fog as a ground station sees it. All times are of the station's session clock."""
 
-    def __init__(
-        self, topics: CloudSide, name: str, session: int, lease_s: int, channel: Channel, control: Control
-    ) -> None:
+    def __init__(self, topics: CloudSide, name: str, session: int, channel: Channel, control: Control) -> None:
         self.topics = topics
         self.control = control
         self.claimed: set[int] = set()
-        """The drones that this station wants one by one, where it does not want all."""
+        """The drones of which this station wants control, where it does not want all."""
         self.ranking: tuple[Ranked, ...] = ()
         self.in_offboard = False
         self.number = topics.fog
@@ -55,38 +55,36 @@ class FogView:
         self.session: int | None = None
         self.up = False
         self.is_signed: bool | None = None
-        """Whether its activator's birth looks signed; None while none was shown."""
+        """Whether the activator's birth has the form of a signed message; None before one has arrived."""
         self.registered = False
         self.subscribed = False
         self.clock: RemoteClock | None = None
         self.configured: tuple[int, ...] = ()
-        self.broker: str | None = None
         self.drones: dict[int, DroneView] = {}
         self._name = name
         self._own_session = session
-        self._lease_s = lease_s
         self.channel = channel
         self._settings = channel.settings
         self._nonces: dict[int, Asked] = {}
         self._counter = 0
         self._given_up: dict[int, int] = {}
-        """Drones that were given up, with the number of the registration that said so, until that is answered."""
+        """Released drones, each with the number of the registration that released it, until a later one is answered."""
         self._confirmed_ms = 0
         self._next_registration_ms = 0
         self._registered_ms = 0
         self._questioned_ms: int | None = None
         self._ranked: tuple[int, int] | None = None
-        """The stamp of the newest ranking of the activator's session, and when it came."""
+        """The stamp of the newest ranking in the activator's session, and when it arrived."""
         self._asking: Retry | None = None
 
     @property
     def epoch(self) -> int:
-        """The newest epoch of control that the fog's records tell."""
+        """The newest epoch of control in the records of the fog's drones."""
         return max((view.record.epoch or 0 for view in self.drones.values() if view.record is not None), default=0)
 
     def controls(self, number: int) -> bool:
-        """Whether this station controls a drone, in the words of the activator's live session; what it has given up
-        it controls again once the activator has answered that it wants it anew.
+        """Whether this station controls a drone, by a record of the activator's live session. A released drone that is
+        claimed again counts only once the activator has answered the new claim.
         """
         view = self.drones.get(number)
         record = view.record if view is not None else None
@@ -95,7 +93,7 @@ class FogView:
         return record.holder_session == self._own_session
 
     def claim(self, number: int, wanted: bool, now_ms: int) -> list[Publish]:
-        """Want a drone from now on, or no longer."""
+        """Claim control of a drone, or release it."""
         if (number in self.claimed) == wanted:
             return []
         (self.claimed.add if wanted else self.claimed.discard)(number)
@@ -105,17 +103,17 @@ class FogView:
         return out
 
     def is_live(self, now_ms: int) -> bool:
-        """Whether the activator says so, and a beacon of it came within three intervals."""
+        """Whether the activator is up and has sent a beacon within the last three intervals (R9.2)."""
         return self.up and self.clock is not None and self.clock.is_live(now_ms, self._settings.beacon_interval_ms)
 
     def on_subscribed(self, now_ms: int) -> list[Publish]:
-        """The broker has granted the fog's topics: register, or ask for the activator's birth if that is not shown."""
+        """The broker granted the fog's topics: register, or wait for the activator's birth, which `tick` asks for."""
         self.subscribed = True
         self._asking = Retry(now_ms + NOT_SHOWN_MS)
         return [self.registration(now_ms)] if self.up else []
 
     def on_presence(self, presence: FogPresence, now_ms: int) -> tuple[list[Publish], list[Event]]:
-        """`fogX/reachable`: an activator that is there anew is registered at."""
+        """`fogX/reachable`: register at an activator that came up or has a new session."""
         if not presence.up:
             if presence.session != self.session or not self.up:
                 return [], []
@@ -129,25 +127,24 @@ class FogView:
             self._ranked = None
             self._nonces.clear()
         self.up = True
-        self.broker = presence.broker
         self.configured = tuple(entry.drone for entry in presence.drones or ())
         out = [self.registration(now_ms)] if anew and self.subscribed else []
         return out, self._review(now_ms)
 
     def on_beacon(self, message: BeaconMessage, now_ms: int) -> tuple[list[Event], bool]:
-        """`fogX/clock`. The flag tells whether the registration is confirmed by it, for the first time."""
+        """`fogX/clock`. The flag is true where this beacon is the first to confirm the registration."""
         if self.clock is None or message.session != self.session:
             return [], False
         asked = self._nonces.get(message.nonce) if message.nonce is not None else None
         asked_ms = asked.at_ms if asked is not None else None
         if asked_ms is not None and message.nonce is not None and self.channel.seal is not None:
-            del self._nonces[message.nonce]  # a nonce answers once: a beacon that is repeated confirms nothing
+            del self._nonces[message.nonce]  # a nonce counts once: a replayed beacon confirms nothing
         beacon = Beacon(message.session, message.now_ms, message.nonce, message.held_ms)
         self.clock.observe(beacon, now_ms, asked_ms)
         if asked is not None:
             self._given_up = {drone: said for drone, said in self._given_up.items() if said >= asked.number}
         if asked_ms is not None and asked_ms == self._questioned_ms:
-            self._next_registration_ms = now_ms  # now the clock is known that a signed registration needs
+            self._next_registration_ms = now_ms  # a signed registration needs the clock, which is known now
             return self._review(now_ms), False
         confirmed = asked_ms is not None and not self.registered
         if confirmed:
@@ -157,7 +154,7 @@ class FogView:
         return self._review(now_ms), confirmed
 
     def on_drone_beacon(self, number: int, message: BeaconMessage, now_ms: int) -> list[Event]:
-        """`fogX/droneY/clock`: what a drone has signed of its own clock."""
+        """`fogX/droneY/clock`: a beacon as the drone signed it."""
         drone = self.drones.setdefault(number, DroneView(number))
         if drone.clock is None or drone.clock.session != message.session:
             drone.clock = RemoteClock(message.session)
@@ -183,7 +180,7 @@ class FogView:
         return events
 
     def on_qods(self, message: QodsMessage, now_ms: int) -> list[Event]:
-        """`fogX/QoDS`: the ranking, unless it is older than what is known."""
+        """`fogX/QoDS`: take the ranking, unless it is older than the known one."""
         if message.session != self.session:
             return []
         known = self._ranked
@@ -193,7 +190,7 @@ class FogView:
         return [QodsRanking(self.number, message.ranking)]
 
     def on_states(self, topic: DroneTopic | FogTopic, message: Inbound, now_ms: int) -> list[Event]:
-        """`fogX/droneY/state/Z`, or a bundle on `fogX/states`: what is news; raises PayloadError."""
+        """`fogX/droneY/state/Z`, or a bundle on `fogX/states`: take newer states; raises PayloadError."""
         payload = self.channel.opened_state(message, self.name, self.clock, now_ms)
         if isinstance(topic, DroneTopic):
             heard = [(topic.drone, decode_state(topic.name, payload, relayed=True))]
@@ -210,7 +207,7 @@ class FogView:
         return out
 
     def tick(self, now_ms: int) -> tuple[list[Publish], list[Event]]:
-        """Renew the lease at a third of it; a fog whose beacons stay away is not live any more."""
+        """Renew registration and grants at a third of the lease; report the drones of a fog whose beacons stopped."""
         out = []
         if self.in_offboard:
             self._next_registration_ms = min(self._next_registration_ms, self._registered_ms + OFFBOARD_RENEWAL_MS)
@@ -228,17 +225,17 @@ class FogView:
 
     @property
     def _renewal_ms(self) -> int:
-        return self._lease_s * 1000 // 3
+        return LEASE_S * 1000 // 3
 
     def _grant_due_ms(self, drone: DroneView) -> int:
         granted_ms = drone.next_grant_ms - self._renewal_ms
         return min(drone.next_grant_ms, granted_ms + OFFBOARD_RENEWAL_MS) if self.in_offboard else drone.next_grant_ms
 
     def _grant(self, drone: DroneView, clock: RemoteClock, now_ms: int) -> Publish:
-        """What the drone itself holds its control to, signed for it; raises nothing: the clock has had a beacon."""
+        """A signed grant, by which the drone itself judges this station's control. The clock has had a beacon."""
         drone.next_grant_ms = now_ms + self._renewal_ms
         until_ms, offboard_ms = (
-            clock.deadline_ms(now_ms, ttl_ms) or 0 for ttl_ms in (self._lease_s * 1000, OFFBOARD_GRANT_MS)
+            clock.deadline_ms(now_ms, ttl_ms) or 0 for ttl_ms in (LEASE_S * 1000, OFFBOARD_GRANT_MS)
         )
         grant = Grant(
             gs_session=self._own_session,
@@ -253,9 +250,9 @@ class FogView:
     def registration(
         self, now_ms: int, lease_s: int | None = None, take: bool = False, drones: tuple[int, ...] | None = None
     ) -> Publish:
-        """Register, renew, with `lease_s` 0 end the lease, or `take` control of what others hold.
+        """Make a registration: to begin or renew the lease, to end it (`lease_s` 0), or to `take` what others hold.
 
-        Before a birth of the activator was heard a `lease_s` of 0 asks for it.
+        Before the activator's birth has arrived, a `lease_s` of 0 asks for that birth.
         """
         nonce = secrets.randbelow(2**32)
         self._counter += 1
@@ -265,7 +262,7 @@ class FogView:
         self._registered_ms = now_ms
         is_signed = self.channel.seal is not None
         self._next_registration_ms = now_ms + (self._renewal_ms if self.registered else RESEND_FIRST_MS)
-        until_ms = self.clock.deadline_ms(now_ms, self._lease_s * 1000) if self.clock is not None else None
+        until_ms = self.clock.deadline_ms(now_ms, LEASE_S * 1000) if self.clock is not None else None
         if is_signed and until_ms is None:
             lease_s, self._questioned_ms = 0, now_ms
         control = self.control
@@ -275,7 +272,7 @@ class FogView:
             name=self._name,
             session=self._own_session,
             nonce=nonce,
-            lease_s=self._lease_s if lease_s is None else lease_s,
+            lease_s=LEASE_S if lease_s is None else lease_s,
             control=Control.TAKE if take else control,
             bundles=self._settings.bundles,
             drones=drones,
@@ -290,7 +287,7 @@ class FogView:
         )
 
     def is_ready(self, now_ms: int) -> bool:
-        """Whether the registration is confirmed, and records (and beacons, where they are signed) had time to come."""
+        """Whether the registration is confirmed, and the records (and signed beacons) have arrived or had time to."""
         if not self.registered:
             return False
         drones = [drone for drone in self.drones.values() if drone.record is not None and drone.record.up]
@@ -298,17 +295,17 @@ class FogView:
         return is_told or now_ms >= self._confirmed_ms + BEACONS_MS
 
     def _has_records(self) -> bool:
-        """Whether the activator's session has said of each of its drones who is reachable, and who controls it."""
+        """Whether the activator's session has published the record of each of its configured drones."""
         records = {number: drone.record for number, drone in self.drones.items() if drone.record is not None}
         said = {number for number, record in records.items() if record.activator_session == self.session}
         return said.issuperset(self.configured)
 
     def _can_address(self, drone: DroneView) -> bool:
-        """Whether a command can be made out to a drone's session: signed ones name it."""
+        """Whether a command can be addressed to a drone: a signed one names the drone's session."""
         return self.channel.seal is None or drone.signing_clock is not None
 
     def _review(self, now_ms: int) -> list[Event]:
-        """What has changed in who is reachable."""
+        """Update which drones are reachable; returns an event for each that changed."""
         out: list[Event] = []
         live = self.is_live(now_ms)
         for drone in self.drones.values():

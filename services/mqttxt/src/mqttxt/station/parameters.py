@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,21 +10,22 @@ from typing import Final, Self
 
 from ..errors import ConfigurationError, PayloadError
 from ..protocol.parameters import Parameter, ParameterSet, ParameterType
+from ..security.files import write
 
 AUTOPILOT: Final = 1
-"""Its MAVLink component."""
+"""The MAVLink component id of the autopilot."""
 _COLUMNS = "VEHICLE COMPONENT NAME VALUE TYPE, separated by tabs"
 _MOST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
 class ParameterDifference:
-    """A parameter that two sets have with different values.
+    """A parameter that differs between two sets.
 
     Parameters:
         name: its name.
-        first: its value in the first set; None where that does not have it.
-        second: the same of the second.
+        first: its value in the first set; None where it is absent there.
+        second: its value in the second set; None where it is absent there.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Parameters:
     content: ParameterSet
 
     def __getitem__(self, name: str) -> float:
-        """A parameter's value; NaN where the autopilot has that. Raises KeyError where there is no such parameter."""
+        """A parameter's value; NaN where the autopilot reports NaN. Raises KeyError for an unknown name."""
         value = self.content.parameters[name].value
         return math.nan if value is None else value
 
@@ -62,7 +62,7 @@ class Parameters:
         return len(self.content)
 
     def differences(self, other: Parameters) -> list[ParameterDifference]:
-        """Where `other` has other values, or other parameters, in the order of the names."""
+        """The parameters whose value or presence differs in `other`, in the order of their names."""
         mine, theirs = self.content.parameters, other.content.parameters
         names = sorted({*mine, *theirs})
         pairs = (ParameterDifference(name, mine.get(name), theirs.get(name)) for name in names)
@@ -70,7 +70,7 @@ class Parameters:
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """Read a `.params` file of QGroundControl; what is of other components than the autopilot is left out.
+        """Read a `.params` file of QGroundControl; other components' parameters are left out.
 
         Parameters:
             path: the file.
@@ -103,25 +103,18 @@ class Parameters:
         return cls(ParameterSet.of(found.values()))
 
     def save(self, path: Path | str, drone: int = 1) -> None:
-        """Write a `.params` file that QGroundControl opens, in the place of one that is there.
+        """Write a `.params` file that QGroundControl opens; an existing file is replaced.
 
         Parameters:
             path: the file.
             drone: the drone's number, which the file names.
 
         Raises:
-            ConfigurationError: the file cannot be written; one that was there is left.
+            ConfigurationError: the file cannot be written; an existing one is unchanged.
         """
         lines = [f"# Onboard parameters for Vehicle {drone}", "#", "# Vehicle-Id Component-Id Name Value Type"]
         lines += [f"{drone}\t{AUTOPILOT}\t{one.name}\t{one}\t{int(one.type)}" for one in self.content]
-        target = Path(path)
-        part = target.with_name(f".{target.name}.part")
-        try:
-            part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-            os.replace(part, target)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise ConfigurationError(f"{path}: {error.strerror}") from error
+        write(Path(path), ("\n".join(lines) + "\n").encode())
 
 
 def _parsed(line: str) -> Parameter | None:
@@ -141,7 +134,7 @@ def _parsed(line: str) -> Parameter | None:
 
 
 def checked(name: str, value: str, kind: ParameterType) -> Parameter:
-    """A parameter of a typed value; raises ValueError for what is no number and PayloadError for another type's."""
+    """A parameter from a value in text. Raises ValueError if it is no number, PayloadError if of another type."""
     if not 0 < len(name) <= 16:
         raise ValueError(f"{name}: expected a name of 1 to 16 characters")
     try:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn, Self
 
 from ..errors import ConfigurationError, PayloadError
 from ..protocol.plans import PlanList, PlanObject, list_hash
+from ..security.files import write
 from .plan_reading import read
 from .plan_writing import document_of
 
@@ -54,8 +54,8 @@ class Plan:
         """Read the text of a `.plan` file.
 
         Parameters:
-            text: what is in the file.
-            name: what an error calls it.
+            text: the file's content.
+            name: its name in errors.
 
         Raises:
             ConfigurationError: the text is wrong: for each mistake one of its `lines` names the item and the field.
@@ -71,22 +71,16 @@ class Plan:
         return cls(content, home)
 
     def save(self, path: Path | str) -> None:
-        """Write a `.plan` file that QGroundControl opens, in the place of one that is there.
+        """Write a `.plan` file that QGroundControl opens; an existing file is replaced.
 
         Parameters:
             path: the file.
 
         Raises:
-            ConfigurationError: the file cannot be written; one that was there is left.
+            ConfigurationError: the file cannot be written; an existing one is unchanged.
         """
-        target = Path(path)
-        part = target.with_name(f".{target.name}.part")
-        try:
-            part.write_text(json.dumps(document_of(self.content, self.home), indent=4) + "\n", encoding="utf-8")
-            os.replace(part, target)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise ConfigurationError(f"{path}: {error.strerror}") from error
+        document = json.dumps(document_of(self.content, self.home), indent=4) + "\n"
+        write(Path(path), document.encode())
 
     def __str__(self) -> str:
         counts = ", ".join(f"{len(items)} {_ITEMS[kind]}" for kind, items in self.content.lists.items())
@@ -94,7 +88,7 @@ class Plan:
 
     @property
     def mission_hash(self) -> bytes:
-        """What names its mission, in a start and in the state `mission`: 16 bytes."""
+        """The hash that names its mission in `StartMission` and in the state `mission`: 16 bytes."""
         return list_hash(self.content.mission or ())
 
 

@@ -1,4 +1,4 @@
-"""From QGroundControl's plan file to a drone's lists; whatever is wrong is named by list, item and field."""
+"""Reads QGroundControl's plan file into a drone's lists; names each mistake by list, item and field."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from ..errors import PlanMistakes
+from ..protocol.fields import FLOAT32_MAX
 from ..protocol.plans import MOST_ITEMS, PlanItem, PlanObject
 from ..protocol.values import shown
 
@@ -17,10 +18,9 @@ FENCE_RETURN, INCLUSION_VERTEX, EXCLUSION_VERTEX, INCLUSION_CIRCLE, EXCLUSION_CI
 RALLY_POINT, DO_JUMP = 5100, 177
 """MAV_CMDs."""
 _FLAT = ("survey", "CorridorScan")
-"""Complex items that QGroundControl writes with the items they consist of."""
-_LARGEST = 3.4028234663852886e38
+"""Complex items that QGroundControl writes together with the simple items they consist of."""
 _NOTHING = PlanItem(GLOBAL, 0, (None,) * 4, 0, 0, None, False)
-"""In the place of an item with a mistake."""
+"""Stands for an item with a mistake."""
 Place = tuple[int, int]
 
 
@@ -47,10 +47,10 @@ def _read(plan: _Part) -> tuple[PlanObject, tuple[float, float, float] | None]:
 
 @dataclass(frozen=True)
 class _Part:
-    """An object of the file, and how people find it.
+    """A JSON object of the file; `where` is its name in errors.
 
-    Each mistake in it is entered in `mistakes`, and reading goes on with something harmless in its place: what then
-    was read is not used.
+    Each mistake in it is entered in `mistakes`, and reading goes on with a harmless value: where there is any mistake,
+    the result is not used.
     """
 
     where: str
@@ -96,7 +96,7 @@ class _Part:
 
 
 def _part(where: str, value: Any, mistakes: list[str]) -> _Part:
-    """A part of the file; of one that is no object nothing else is told."""
+    """A part of the file. Of one that is no object, no other mistake is reported."""
     if isinstance(value, dict):
         return _Part(where, value, mistakes)
     _refuse(where, "an object", value, mistakes)
@@ -119,7 +119,7 @@ def _mission(mission: _Part) -> tuple[PlanItem, ...]:
 
 
 def _jump_numbers(items: list[_Part]) -> dict[int, int]:
-    """The items that can be jumped to, by their `doJumpId`: of two with one, neither."""
+    """The numbers of the items that can be jumped to, by `doJumpId`; an id of two items is left out."""
     found: dict[int, list[int]] = {}
     for number, item in enumerate(items, start=1):
         jump_id = item.whole("doJumpId", 0, 2**31 - 1) if item.optional("doJumpId") is not None else None
@@ -129,9 +129,9 @@ def _jump_numbers(items: list[_Part]) -> dict[int, int]:
 
 
 def _flattened(mission: _Part) -> tuple[list[_Part], bool]:
-    """The simple items in their order, those of complex ones among them, each by its number from 1; whether all.
+    """The simple items in their order, including those of complex items, and whether these are all.
 
-    Behind an item of which is not known how many it consists of, no item has a number.
+    Each is named by its number from 1. After an item of unknown length no item has a number, so reading ends there.
     """
     simple: list[_Part] = []
     for value in mission.array("items"):
@@ -157,7 +157,7 @@ def _flattened(mission: _Part) -> tuple[list[_Part], bool]:
 
 
 def _item(item: _Part, numbers: dict[int, int] | None) -> PlanItem:
-    """`numbers`: of the items that can be jumped to, None where that is not known."""
+    """Read an item. `numbers` has the items that can be jumped to by their `doJumpId`, None if they are not known."""
     mistakes = item.mistakes
     is_framed = item.is_of("frame", GLOBAL, MISSION_FRAME, RELATIVE, TERRAIN)
     frame = item.value["frame"] if is_framed else None
@@ -249,7 +249,7 @@ def _pair(value: Any, where: str, mistakes: list[str]) -> Place:
 
 
 def _place(latitude: Any, longitude: Any, where_latitude: str, where_longitude: str, mistakes: list[str]) -> Place:
-    """Degrees, as MAVLink has them: times 1e7."""
+    """Latitude and longitude as MAVLink has them: degrees times 1e7."""
     sides = ((latitude, 90, "latitude", where_latitude), (longitude, 180, "longitude", where_longitude))
     place = [0, 0]
     for side, (value, most, what, where) in enumerate(sides):
@@ -261,14 +261,14 @@ def _place(latitude: Any, longitude: Any, where_latitude: str, where_longitude: 
 
 
 def _number(value: Any, where: str, mistakes: list[str]) -> float | None:
-    """A parameter; null is one that is not set."""
+    """A parameter; null means that it is not set."""
     if value is None:
         return None
     return _finite(value, where, mistakes)
 
 
 def _finite(value: Any, where: str, mistakes: list[str], above_m: float | None = None) -> float:
-    if type(value) not in (int, float) or not abs(value) <= _LARGEST:
+    if type(value) not in (int, float) or not abs(value) <= FLOAT32_MAX:
         _refuse(where, "a number", value, mistakes)
         return 0.0
     if above_m is not None and not value > above_m:
@@ -277,7 +277,7 @@ def _finite(value: Any, where: str, mistakes: list[str], above_m: float | None =
 
 
 def _whole(value: float | None, where: str, mistakes: list[str]) -> int:
-    """A parameter that travels as a whole number."""
+    """A parameter that MAVLink carries as a whole number of 32 bits; 0 where it is not set."""
     if value is None:
         return 0
     if not math.isclose(value, round(value)) or not -(2**31) <= round(value) < 2**31:

@@ -32,8 +32,6 @@ from .transfers import Transfers
 if TYPE_CHECKING:
     from ..security.seal import Seal
 
-DEFAULT_LEASE_S = 30
-
 Handler = Callable[[FogView, Any, Inbound, int], Iterable[Output]]
 
 
@@ -47,7 +45,6 @@ class StationRole:
         settings: Settings,
         *,
         prefix: str = "",
-        lease_s: int = DEFAULT_LEASE_S,
         control: bool = True,
         seal: Seal | None = None,
     ) -> None:
@@ -61,7 +58,6 @@ class StationRole:
         self.transfers = Transfers(session, self._channel)
         self.connected = False
         self.prefix = check_prefix(prefix)
-        self._lease_s = lease_s
         self._control = Control.WANT if control else Control.NONE
         self._presence = OwnPresence(self._channel, station_reachable(name, prefix), session)
         self._hearing = Hearing(LINK, lambda: [self._presence.say(up=True)])
@@ -76,12 +72,12 @@ class StationRole:
         return self._channel.seal is not None
 
     def is_doubtful(self, outcome: Outcome) -> bool:
-        """Whether a word is not signed by its drone, in a fleet that signs: the command may have reached the drone."""
+        """Whether a word lacks its drone's signature in a fleet that signs: the command may have reached the drone."""
         return self.signs and outcome.signer != f"drone{outcome.drone}"
 
     @property
     def lists_topic(self) -> str:
-        """Where the cloud broker has the fleet's revocation list."""
+        """The cloud broker's topic of the fleet's revocation list."""
         return f"{self.prefix}{REVOKED}"
 
     def will(self) -> Will:
@@ -120,15 +116,15 @@ class StationRole:
             if number in self.fogs:
                 continue
             topics = CloudSide(number, self.prefix)
-            fog = FogView(topics, self.name, self.session, self._lease_s, self._channel, self._control)
+            fog = FogView(topics, self.name, self.session, self._channel, self._control)
             self.fogs[number] = fog
             added.append(fog)
         return self._subscribed_to(added, is_first) if self.connected else []
 
     def take_over(self, fog_number: int, drones: tuple[int, ...] | None, now_ms: int) -> list[Output]:
-        """Take control of a fog's drones (None: of all), whoever holds it.
+        """Take control of a fog's drones (None: of all) from any holder.
 
-        Raises FogUnreachable, and ConfigurationError where the station's certificate does not allow it.
+        Raises FogUnreachable without a live activator, ConfigurationError where the certificate does not allow it.
         """
         fog = self.fog(fog_number, "takeover")
         seal = self._channel.seal
@@ -139,20 +135,20 @@ class StationRole:
         return [fog.registration(now_ms, take=True, drones=drones)]
 
     def claim(self, fog_number: int, drone: int, wanted: bool, now_ms: int) -> list[Output]:
-        """Want control of a drone from now on, or no longer; raises ConfigurationError where the station wants all."""
+        """Claim control of a drone, or release it; raises ConfigurationError where the station wants all drones."""
         fog = self.fog(fog_number)
         if fog.control is not Control.NONE:
             raise ConfigurationError(f"drone {drone}: expected a station with control=False; this one wants all drones")
         return [*fog.claim(drone, wanted, now_ms)]
 
     def fog(self, number: int, unsent: str | None = None) -> FogView:
-        """A fog that this station takes part in; raises FogUnreachable for another, naming what was not sent."""
+        """A fog that this station takes part in; raises FogUnreachable for another. `unsent`: what was not sent."""
         if number not in self.fogs:
             raise FogUnreachable(f"fog {number}: connect to it first{f'; {unsent} was not sent' if unsent else ''}")
         return self.fogs[number]
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
-        """A message from the cloud broker; what does not follow the specification is counted."""
+        """Take a message from the cloud broker; one that breaks the specification is counted and dropped."""
         self._hearing.heard(now_ms)
         try:
             if message.topic == self._presence.topic:
@@ -174,7 +170,7 @@ class StationRole:
         return []
 
     def on_identity(self, now_ms: int) -> list[Output]:
-        """The identity has another key, or its fleet a newer revocation list: the birth says so."""
+        """The identity has another key, or its fleet a newer revocation list: publish a birth that has it."""
         if self._channel.seal is None:
             return []
         if self._channel.seal.on_identity():
@@ -182,7 +178,7 @@ class StationRole:
         return [self._presence.say(up=True)] if self.connected and self.fogs else []
 
     def tick(self, now_ms: int) -> list[Output]:
-        """Everything that is due by time; to be called at least ten times a second."""
+        """Everything that is due by time; call it at least ten times per second."""
         out: list[Output] = []
         for fog in self.fogs.values():
             effects, events = fog.tick(now_ms)
@@ -193,7 +189,7 @@ class StationRole:
         return [*out, *self._acknowledge(), *self.commands.tick(self.fogs, now_ms), *self.transfers.tick(now_ms)]
 
     def _acknowledge(self) -> list[Output]:
-        """Readings that were heard since the last time, again ones too: only then do their drones give them up."""
+        """Acknowledge the readings received since the last call, repeated ones too: only then do drones delete them."""
         heard, self._heard = self._heard, {}
         out: list[Output] = []
         for (number, drone), keys in heard.items():
@@ -205,7 +201,7 @@ class StationRole:
         return out
 
     def goodbye(self, now_ms: int) -> list[Output]:
-        """A clean stop ends the leases and says that the station is gone."""
+        """End the leases and publish `down`, at a clean stop."""
         self._hearing.end()
         if not (self.connected and self.fogs):
             return []
@@ -213,7 +209,7 @@ class StationRole:
         return [*ends, self._presence.say(up=False)]
 
     def _made_handlers(self, signs: bool) -> dict[tuple[type[Topic], str], Handler]:
-        """Who takes a message of a fog, by its topic."""
+        """The handlers of a fog's messages, by their topic."""
         handlers: dict[tuple[type[Topic], str], Handler] = {
             (DroneTopic, "bulk_answer"): self._on_bulk_answer,
             (DroneTopic, "commands_result"): self._on_result,
@@ -256,7 +252,7 @@ class StationRole:
         presence = decode(FogPresence, self._channel.opened(message, fog.name))
         effects, events = fog.on_presence(presence, now_ms)
         is_live = self.signs and effects and not message.retain
-        own = [self._presence.say(up=True)] if is_live else []  # an activator that starts may not be shown it
+        own = [self._presence.say(up=True)] if is_live else []  # the broker may not show it to an activator that starts
         behind = self._on_list(fog, fog.name, presence.revoked, now_ms) if presence.up else []
         return [*own, *effects, *events, *behind]
 
@@ -284,7 +280,7 @@ class StationRole:
         return [*self.transfers.on_answer(fog, topic.drone, answer, now_ms)]
 
     def _on_drones_own(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
-        """What a drone has signed and its activator passed on: its birth, with the certificate, and its beacons."""
+        """Take what a drone signed and its activator passed on: its birth, with the certificate, and its beacons."""
         seal = self._channel.seal
         assert seal is not None
         is_birth = topic.kind == "birth"
@@ -297,7 +293,7 @@ class StationRole:
         return [*self._on_list(fog, signed.signer, decode(Presence, signed.payload).revoked, now_ms)]
 
     def _on_list(self, fog: FogView, node: str, number: int | None, now_ms: int) -> list[ListBehind]:
-        """Which revocation list a node has, in its own signed words."""
+        """Note which revocation list a node has, by its own signed message."""
         own = self._channel.list_number
         return self._lists.observe(fog.number, node, number, own, now_ms) if own is not None else []
 
@@ -307,7 +303,7 @@ class StationRole:
         return []
 
     def _subscribed_to(self, fogs: list[FogView], is_first: bool) -> list[Output]:
-        """Before the first fog comes the station's own birth: one that takes part in none says nothing of itself."""
+        """Subscribe to fogs, and before the first one to the station's own birth: without fogs it publishes none."""
         signed = self._channel.seal is not None
         own: list[Output] = [Subscribe(LINK, (self._presence.topic,), ref=None)] if is_first and fogs else []
         return own + [Subscribe(LINK, fog.topics.station_filters(signed), ref=fog.number) for fog in fogs]

@@ -1,4 +1,4 @@
-"""A client of paho-mqtt as every connection of ours has it, and its socket."""
+"""The paho-mqtt client of every connection, and its socket."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .buffered import Buffered
 from .properties import connect_properties
 
 KEEPALIVE_S = 15
-"""Above the 10 s between two beacons, so that a link that carries them never needs a PINGREQ; one and a half of it
-(when the broker publishes the will) is below the three beacon intervals after which silence says the same."""
+"""Above the 10 s between two beacons, so that a link that carries them never needs a PINGREQ. One and a half of it,
+after which the broker publishes the will, is below the three beacon intervals of silence that mean the same."""
 CONNECT_TIMEOUT_S = 5.0
 CONNECT_THREAD = "mqttxt-connect"
 T = TypeVar("T")
@@ -37,13 +37,13 @@ class _Client(Client):
 def make_client(
     address: BrokerAddress, client_id: str, will: Will | None, ssl_context: ssl.SSLContext | None
 ) -> Client:
-    """A client that has yet to connect, and never connects again by itself."""
+    """Make a client, not yet connected, that never reconnects on its own."""
     client = _Client(
         CallbackAPIVersion.VERSION2,
         client_id=client_id,
         protocol=MQTTProtocolVersion.MQTTv5,
         reconnect_on_failure=False,
-        manual_ack=True,  # paho is given no PUBLISH
+        manual_ack=True,  # paho never sees a PUBLISH
     )
     client.connect_timeout = CONNECT_TIMEOUT_S
     client.max_inflight_messages = 0  # paho's own limit; the connection keeps to the broker's
@@ -63,17 +63,10 @@ def connect(client: Client, address: BrokerAddress, session_expiry_s: int, alias
     client.connect(address.host, address.port, KEEPALIVE_S, clean_start=session_expiry_s == 0, properties=properties)
 
 
-def start_connecting(
-    client: Client, address: BrokerAddress, session_expiry_s: int, aliases: int
-) -> asyncio.Future[None]:
-    """`connect` in a thread of its own."""
-    return in_own_thread(partial(connect, client, address, session_expiry_s, aliases))
-
-
 def in_own_thread(call: Callable[[], T]) -> asyncio.Future[T]:
-    """What a call returns, from a thread of its own, for which nobody waits at the end of the process.
+    """Run a call in a thread of its own, which does not delay the end of the process; returns a future of its result.
 
-    A name can take long to resolve; the event loop's own threads would be waited for.
+    A name can take long to resolve, and a process waits for the event loop's own threads before it ends.
     """
     loop = asyncio.get_running_loop()
     made: asyncio.Future[T] = loop.create_future()
@@ -91,5 +84,5 @@ def in_own_thread(call: Callable[[], T]) -> asyncio.Future[T]:
 
 
 def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:
-    """Without it Nagle's algorithm holds small publishes back and is what one measures."""
+    """Disable Nagle's algorithm, which would hold small publishes back and dominate measured delays."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

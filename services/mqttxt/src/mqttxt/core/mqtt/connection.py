@@ -1,6 +1,6 @@
 """One connection to a broker, from CONNECT to its end: paho-mqtt inside the event loop, without its thread.
 
-Messages pass paho by (`incoming`, `outgoing`). Its callbacks only take notes. What is noted is delivered after paho has
+Messages bypass paho (`incoming`, `outgoing`). Its callbacks only take notes. These are delivered after paho has
 returned, so that a role may publish, and fail, without paho being half-way through a packet.
 """
 
@@ -11,6 +11,7 @@ import contextlib
 import logging
 import socket
 import ssl
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from paho.mqtt.client import Client
@@ -22,7 +23,7 @@ from ...errors import BrokerRefused
 from ..address import BrokerAddress
 from ..effects import Unsubscribe, Will
 from .aliases import BrokersAliases
-from .client import CONNECT_TIMEOUT_S, KEEPALIVE_S, make_client, start_connecting
+from .client import CONNECT_TIMEOUT_S, KEEPALIVE_S, connect, in_own_thread, make_client
 from .events import LinkEvents
 from .incoming import Incoming
 from .keep_alive import KeepAlive
@@ -42,9 +43,9 @@ _WITH_WILL = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
 
 
 class Connection:
-    """One client. With `session_expiry_s` 0 its start is clean and its session ends with it.
+    """One client connection. With `session_expiry_s` 0 its start is clean and its session ends with it.
 
-    `aliases`: how many topics the broker may give aliases to.
+    `aliases` is how many topics the broker may give aliases to.
     """
 
     def __init__(
@@ -65,10 +66,10 @@ class Connection:
         self._events = events
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[int] = self._loop.create_future()
-        """The reason code of the connection's end, BrokerRefused where a subscription was refused."""
+        """The reason code of the connection's end; fails with BrokerRefused if a subscription was refused for good."""
         self._accepted: asyncio.Future[int] = self._loop.create_future()
         self.refusal: str | None = None
-        """Why this connection was given up though the broker had accepted it."""
+        """Why this connection was given up although the broker had accepted it."""
         self._aliases = BrokersAliases(aliases)
         self._keep_alive = KeepAlive()
         self._client = client = make_client(address, client_id, will, ssl_context)
@@ -87,8 +88,9 @@ class Connection:
 
     async def open(self) -> int:
         """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
-        # paho resolves, connects and shakes hands blocking: that is done in a thread, all else in this loop.
-        connecting = start_connecting(self._client, self.address, self._session_expiry_s, self._aliases.maximum)
+        # paho blocks while it resolves, connects and shakes hands: a thread does that, this loop all else.
+        settings = (self.address, self._session_expiry_s, self._aliases.maximum)
+        connecting = in_own_thread(partial(connect, self._client, *settings))
         try:
             await asyncio.shield(connecting)
         except asyncio.CancelledError:
@@ -113,59 +115,59 @@ class Connection:
 
     @property
     def _socket(self) -> Buffered | None:
-        """None where it is closed."""
+        """The socket; None if it is closed."""
         return self._outgoing.sock
 
     def unsubscribe(self, effect: Unsubscribe) -> None:
         self._client.unsubscribe(list(effect.filters))
 
     def ping(self) -> None:
-        """Ask the broker for a sign of life, unless it owes one."""
+        """Send a PINGREQ, unless one is unanswered."""
         if not self._keep_alive.is_owed and self._socket is not None:
             self._keep_alive.ask(self._loop.time())
             self._outgoing.send(PINGREQ)
 
     def usual_s(self) -> float:
-        """By when the broker answers as a rule, in seconds; infinite where an answer is overdue."""
+        """The usual upper bound of the broker's round trip, s; infinite if an answer is overdue."""
         return self._keep_alive.usual_s(self._loop.time())
 
     def wrong_with_broker(self, identity: Identity) -> str | None:
-        """Why the broker's certificate is not good now, in words; None while it is."""
+        """Why the broker's certificate is not good now, as text; None while it is good."""
         from .tls import wrong_with
 
         sock = self._socket.sock if self._socket is not None else None
         return wrong_with(identity, sock.getpeercert(binary_form=True)) if isinstance(sock, ssl.SSLSocket) else None
 
     def give_up(self, reason: str) -> None:
-        """End a connection that the broker had accepted; the link begins another one."""
+        """End a connection that the broker had accepted; the link then opens a new one."""
         self.refusal = reason
         self.close(with_will=True)
 
     async def settled(self, limit_s: float) -> None:
-        """Wait until all that was handed over has left, and is acknowledged where that is asked for."""
+        """Wait, at most `limit_s`, until every message is written and, at QoS 1, acknowledged."""
         ends: set[asyncio.Future[Any]] = {self._outgoing.settled(), self.ended}
         await asyncio.wait(ends, timeout=limit_s, return_when=asyncio.FIRST_COMPLETED)
 
     def close(self, *, with_will: bool = False) -> None:
-        """DISCONNECT behind what was handed over, as far as the system takes it now; then close the socket.
+        """Write pending messages and DISCONNECT, as far as the system accepts them now; then close the socket.
 
-        The broker publishes the will where that is asked for, and where something of what was handed over never left
-        because the broker acknowledges too little: the last word is the last of it.
+        The broker publishes the will `with_will`, and also if messages were never sent because the broker acknowledged
+        too few: the goodbye is the last of these.
         """
         reason = _WITH_WILL if with_will or self._outgoing.has_waiting else None
         if self._client.disconnect(reason) == MQTTErrorCode.MQTT_ERR_SUCCESS:
             self._outgoing.flush()
         sock = self._socket
-        if sock is not None:  # paho has not done it
+        if sock is not None:  # paho has not closed it
             self._on_socket_close(self._client, None, sock)
             sock.close()
         _resolve(self.ended, 0)
 
     async def leave(self, limit_s: float) -> None:
-        """`close`, and then read what still comes, into the void, until the broker has closed too.
+        """`close`, then read and discard data until the broker has closed too, for at most `limit_s`.
 
-        A socket that is closed over unread bytes is reset at once (RFC 2525, section 2.17): the DISCONNECT behind what
-        was handed over would be lost, and the broker would publish the will of a client that stopped cleanly.
+        Closing a socket with unread data resets the connection (RFC 2525, section 2.17): pending messages and the
+        DISCONNECT would be lost, and the broker would publish the will of a client that stopped cleanly.
         """
         sock = self._socket
         if sock is None:
@@ -174,25 +176,25 @@ class Connection:
         with socket.socket(fileno=socket.dup(sock.fileno())) as rest:
             self.close()
             rest.setblocking(False)
-            with contextlib.suppress(OSError):  # reset all the same, or not closed in time
+            with contextlib.suppress(OSError):  # reset nevertheless, or not closed in time
                 rest.shutdown(socket.SHUT_WR)
                 async with asyncio.timeout(limit_s):
                     while await self._loop.sock_recv(rest, _VOID_BYTES):
                         pass
 
     def _abandon(self, connecting: asyncio.Future[None]) -> None:
-        """Nobody waits for this connection any more; it came about, or not."""
+        """Close a connection whose `open` was cancelled, whether or not it succeeded."""
         connecting.exception()
         self.close()
 
-    # What the event loop calls.
+    # Called by the event loop.
 
     def _look_after(self) -> None:
-        """Keep-alive: ask a broker that was not spoken to, or said nothing; give it up where it does not answer."""
+        """Keep-alive: ping the broker after a silence in either direction; give it up if it does not answer."""
         sock, now_s = self._socket, self._loop.time()
         if self.ended.done() or sock is None:
             return
-        # A broker may ask for less patience, not for more.
+        # A broker may ask for a shorter keep-alive, not for a longer one.
         keepalive_s = min(self._client.keepalive or KEEPALIVE_S, KEEPALIVE_S)
         if self._keep_alive.is_lost(now_s, keepalive_s):
             logger.info("%s: %s does not answer", self.name, self.address)
@@ -202,7 +204,7 @@ class Connection:
             self.ping()
         self._loop.call_later(_MISC_S, self._look_after)
 
-    # What paho calls. Only while one of its loop functions runs, so in the event loop's thread.
+    # Called by paho, only while one of its loop functions runs, and so in the event loop's thread.
 
     def _on_socket_close(self, _client: Client, _userdata: Any, sock: Any) -> None:
         if sock.fileno() < 0:  # `close` was faster than paho
@@ -229,7 +231,7 @@ class Connection:
         self._incoming.note(self._outgoing.go_on)
 
     def _refused(self, topic: str, code: int, for_good: bool) -> None:
-        """A filter was not granted: for good, or only this time, and then all begins anew on a new connection."""
+        """A filter was refused: for good, which ends the link, or this time, which leads to a new connection."""
         self.refusal = f"the subscription to {topic} was refused with reason code 0x{code:02x}"
         if self.ended.done():
             return

@@ -1,7 +1,7 @@
-"""A connection to an MQTT broker that heals, for a role to use; with `connection`, all that touches a broker.
+"""A role's connection to an MQTT broker, which reconnects after a loss.
 
-Each attempt is a new client, with a clean start and session expiry 0 unless said otherwise: nothing of an old
-connection is sent on a new one. What must not be lost is the role's to repeat; it knows deadlines, a queue does not.
+Each attempt is a new client, by default with a clean start and session expiry 0: nothing of an old connection is sent
+on a new one. The role itself repeats messages that must not be lost, because it knows deadlines; a queue does not.
 """
 
 from __future__ import annotations
@@ -29,28 +29,31 @@ if TYPE_CHECKING:
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
 GOODBYE_S = 1.0
-"""How long a broker that takes no bytes, or acknowledges none, may hold up the end."""
+"""How long a broker that reads no bytes, or acknowledges no message, may delay the end."""
 UNSERVED = "accepted, and ended before any message"
 SESSION_TAKEN_OVER = 0x8E
 SECRET_BYTES = 8
-"""Behind a client id where nodes have identities: no other member of the fleet can take it over."""
+"""Random bytes after the client id of a node with an identity: no other member of the fleet can take it over."""
 _PERMANENT = frozenset({0x84, 0x85, 0x86, 0x87, 0x8A, 0x8C, 0x90, 0x95, 0x99, 0x9A, 0x9B})
-"""CONNACK reason codes that asking again cannot mend (MQTT 5.0, 3.2.2.2)."""
+"""CONNACK reason codes for which a retry is pointless (MQTT 5.0, 3.2.2.2)."""
 
 
 class MqttLink:
     """A named connection to a broker. `run` keeps it up until it is closed, cancelled or refused by the broker.
 
-    With `manual_ack` an inbound QoS 1 message counts as delivered only when its receipt was acknowledged; in the
-    order of receipt (MQTT 5.0, 4.6). The broker sends again what was not on the next connection, if that comes
-    within `session_expiry_s` with the same client id: for who only subscribes. `will` makes that of each connection.
-    `longest_pause_s` is that between two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of
-    its fleet; without, `ssl_context`, or the system's certificate authorities. A broker's refusal for good, or its
-    word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again, and
-    always with `mqtt-sn://`, where anybody may have said so.
-    `aliases`: how many topics the broker may give aliases to; `root`: that of the topics which a gateway for MQTT-SN
-    knows by numbers; `link`: the role's link of which this is one of several connections. Raises ConfigurationError for
-    one of these with `mqtt://`.
+    `will` returns the will of each new connection. With `manual_ack` an inbound QoS 1 message counts as delivered only
+    once the role has acknowledged its receipt, in the order of arrival (MQTT 5.0, 4.6). The broker sends the others
+    again on the next connection, if that has the same client id and begins within `session_expiry_s`; this is for
+    clients that only subscribe. `longest_pause_s` is the longest pause between two attempts to connect.
+
+    `identity` is this node's, for `mqtts://` to a broker of its fleet; without it, `ssl_context` applies, or the
+    system's certificate authorities. Raises ConfigurationError for either of these with `mqtt://`.
+
+    A broker's final refusal, or its report that another client took over the id, ends a link that `may_be_ended`. Any
+    other link tries again, and so does each with `mqtt-sn://`, where anyone may have sent the datagram.
+
+    `aliases` is how many topics the broker may give aliases to. `root` is the root of the topics that an MQTT-SN
+    gateway knows by number. `link` names the role's link if this is one of its several connections.
     """
 
     def __init__(
@@ -77,11 +80,11 @@ class MqttLink:
         self.name = name
         self.address = address
         self.publish: Callable[[Publish], object]
-        """Hands a message to the connection; without one it is dropped, and the role hears of the reconnection."""
+        """Publishes on the connection. Without one the message is dropped; the role is notified of the reconnection."""
         self.subscribe: Callable[[Subscribe], None]
         self.unsubscribe: Callable[[Unsubscribe], None]
         self.failure: str | None = None
-        """Why the last attempt to connect failed, None where it did not."""
+        """Why the last attempt to connect failed; None if it succeeded."""
         self._ssl_context = ssl_context
         self._identity = identity
         self._may_be_ended = may_be_ended and not address.datagrams
@@ -101,10 +104,10 @@ class MqttLink:
         self._use(None)
 
     async def run(self) -> None:
-        """Connect, stay connected, connect again; raises BrokerRefused when asking again is pointless.
+        """Connect, and reconnect after each loss; raises BrokerRefused when a retry is pointless.
 
-        Raises ConfigurationError where the broker demands a certificate of a node without an identity, unless it was
-        connected before.
+        Raises ConfigurationError if the broker demands a certificate of a node without an identity that was never
+        connected to it.
         """
         now_s, pause_s = asyncio.get_running_loop().time, FIRST_PAUSE_S
         while not self._is_closed:
@@ -122,7 +125,7 @@ class MqttLink:
             pause_s = min(2 * pause_s, self._longest_pause_s)
 
     def acknowledge(self, receipt: Receipt) -> None:
-        """Say that an inbound message is safe, on a link with `manual_ack`; nothing where its connection has ended."""
+        """Acknowledge an inbound message on a link with `manual_ack`; does nothing if its connection has ended."""
         if self._connection is not None:
             self._connection.acknowledge(receipt)
 
@@ -132,24 +135,24 @@ class MqttLink:
             self._connection.ping()
 
     def usual_s(self) -> float:
-        """By when the broker answers as a rule, in seconds; infinite where it does not."""
+        """The usual upper bound of the broker's round trip, s; infinite if it does not answer."""
         return self._connection.usual_s() if self._connection is not None else inf
 
     def check_broker(self) -> None:
-        """Give up a connection to a broker whose certificate is not good any more, as after a revocation."""
+        """Give up a connection to a broker whose certificate is no longer good, after a revocation for example."""
         if self._identity is not None and self._connection is not None:
             wrong = self._connection.wrong_with_broker(self._identity)
             if wrong is not None:
                 self._connection.give_up(wrong)
 
     def give_up(self, reason: str) -> None:
-        """End the connection, if there is one, with its will; another one is begun."""
+        """End the connection, if there is one, with its will; `run` then opens a new one."""
         if self._connection is not None:
             self._goes_on_at_once = self._connection.was_served
             self._connection.give_up(reason)
 
     async def close(self) -> None:
-        """A clean DISCONNECT, after what was handed over has left."""
+        """Write pending messages, disconnect cleanly and end `run`; takes at most twice `GOODBYE_S`."""
         self._is_closed = True
         connection = self._connection
         self._use(None)
@@ -171,14 +174,14 @@ class MqttLink:
         )
 
     def _use(self, connection: Connection | SnConnection | None) -> None:
-        """What is published, subscribed and given up from now on goes to this connection, or nowhere."""
+        """Use this connection, or none, from now on for what is published, subscribed and unsubscribed."""
         self._connection = connection
         self.publish = connection.publish if connection is not None else _drop
         self.subscribe = connection.subscribe if connection is not None else _drop
         self.unsubscribe = connection.unsubscribe if connection is not None else _drop
 
     async def _one_connection(self) -> str | None:
-        """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
+        """Run one connection from CONNECT to its end; returns why it failed or was of no use, None if it was of use."""
         self._was_accepted = self._goes_on_at_once = False
         if self._identity is None or self.address.datagrams:
             return await self._one_connection_without_identity()
@@ -255,7 +258,4 @@ class MqttLink:
 
 
 def _drop(_effect: object) -> None:
-    """There is no connection."""
-
-
-__all__ = ["BrokerAddress", "LinkEvents", "MqttLink"]
+    """Ignore an effect, because there is no connection."""

@@ -1,6 +1,6 @@
 """The sensors' side of a UAV client: the drone's own broker, the connection to it, and the store, in its own thread.
 
-A disk may take a tenth of a second to say that something is on it, and the aircraft does not wait for that.
+A disk may need a tenth of a second to confirm a write, and the aircraft does not wait for that.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...core.address import BrokerAddress
 from ...core.effects import Receipt
 from ...core.embedded_broker import EmbeddedBroker
 from ...core.mqtt.events import LinkEvents
-from ...core.mqtt.link import BrokerAddress, MqttLink
+from ...core.mqtt.link import MqttLink
 from ...errors import BrokerRefused
 from ...security.identity import Identity
 from ...security.revocation import RevocationList
@@ -28,9 +29,9 @@ from .store import Batch, Done, SensorStore
 logger = logging.getLogger("mqttxt.sensors")
 
 KEPT_BY_BROKER_S = 3600
-"""How long the drone's broker keeps, for this client, what sensors publish while it is away."""
+"""How long the drone's broker keeps readings for this client while it is not connected."""
 PAUSE_S = 1.0
-"""After an error of the store, so that a full disk is not asked all the time."""
+"""The pause after an error of the store, so that a full disk is not tried all the time."""
 
 
 @dataclass(frozen=True)
@@ -44,18 +45,18 @@ class SensorOptions:
 
 
 class Receipts:
-    """Acknowledges inbound messages in the order of their receipt (MQTT 5.0, 4.6), in whichever they become safe."""
+    """Acknowledges inbound messages in the order of receipt (MQTT 5.0, 4.6), whatever the order of their storage."""
 
     def __init__(self, acknowledge: Callable[[Receipt], None]) -> None:
         self._acknowledge = acknowledge
         self._waiting: dict[Receipt, bool] = {}
 
     def wait(self, receipt: Receipt) -> None:
-        """A message came; what came behind it waits for it."""
+        """Hold back the acknowledgements of this and all later messages."""
         self._waiting[receipt] = False
 
     def release(self, receipt: Receipt) -> None:
-        """A message, whether it had to wait or not, may be acknowledged."""
+        """Let a message be acknowledged, whether it had to wait or not."""
         self._waiting[receipt] = True
         while self._waiting:
             first = next(iter(self._waiting))
@@ -66,9 +67,9 @@ class Receipts:
 
 
 class SensorPort:
-    """Carries out what a Carrier asks for; raises ConfigurationError for a store that cannot be used.
+    """Carries out the effects of a Carrier. Raises ConfigurationError for a store that cannot be used.
 
-    Whatever becomes of the sensors' side, the drone flies on.
+    No fault of the sensors' side ends the UAV client.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class SensorPort:
             LoadReadings: self._load_readings,
             Acknowledge: lambda effect: self._receipts.release(effect.receipt),
         }
-        """What carries out each kind of effect of the carrier."""
+        """The function that carries out each kind of the carrier's effects."""
 
     def jobs(self) -> list[Any]:
         """The coroutines that run as long as the UAV client does."""
@@ -114,7 +115,7 @@ class SensorPort:
         return [*embedded, self._keep_link(), self._work()]
 
     def reload(self, newest: RevocationList) -> None:
-        """`EmbeddedBroker.reload`, where there is one."""
+        """Reload the embedded broker, if there is one."""
         if self._embedded is not None:
             self._embedded.reload(newest)
 
@@ -139,7 +140,7 @@ class SensorPort:
             logger.error("%s; no reading is taken in until this UAV client is started again", error)
 
     async def _work(self) -> None:
-        """One transaction after the other; what comes meanwhile goes into the next one."""
+        """Run one transaction after the other; effects that arrive meanwhile go into the next one."""
         loop = asyncio.get_running_loop()
         try:
             with ThreadPoolExecutor(1, "sensor-store") as thread:
