@@ -1,4 +1,4 @@
-"""The verdicts of the brokers that the conformance kit was run against, as Markdown tables for docs/brokers.md.
+"""The verdicts of the conformance kit on brokers, as Markdown tables for docs/brokers.md.
 
 `python -m spec.brokers FILE` writes them between their markers, from the reports in the folder beside it that
 `mqttxt conformance broker --format json` printed: docs/brokers/*.json for docs/brokers.md.
@@ -23,7 +23,7 @@ _CELLS = {Verdict.PASS.value: "pass", Verdict.FAIL.value: "**fail**", Verdict.NO
 
 
 def reports(folder: Path) -> list[dict[str, Any]]:
-    """The reports, by their names; raises ConfigurationError for one of another kit."""
+    """The reports, in the order of their file names; raises ConfigurationError for one of a kit with other rules."""
     found = []
     for path in sorted(folder.glob("*.json")):
         report = json.loads(path.read_text(encoding="utf-8"))
@@ -35,7 +35,7 @@ def reports(folder: Path) -> list[dict[str, Any]]:
 
 
 def rules_table() -> str:
-    """Every rule, and how much each broker is to have it."""
+    """Every rule, with its need on each side."""
     rows = [
         (f"`{rule.name}`", ", ".join(rule.numbers) or "–", rule.statement, *(rule.needs[side].value for side in SIDES))
         for rule in RULES["broker"]
@@ -55,13 +55,13 @@ def verdicts_table(found: list[dict[str, Any]]) -> str:
 
 
 def _cell(finding: dict[str, Any]) -> str:
-    """A verdict; of what failed with what was seen instead."""
+    """A verdict; for a failure with its evidence."""
     evidence = f": {finding['evidence']}" if finding["verdict"] == Verdict.FAIL.value else ""
     return f"{_CELLS[finding['verdict']]}{evidence}"
 
 
 def _sides(report: dict[str, Any]) -> list[str]:
-    """The sides of which a broker has all that is needed and was tested."""
+    """The sides for which a broker failed no needed rule."""
     pairs: list[tuple[Rule, dict[str, Any]]] = list(zip(RULES["broker"], report["findings"], strict=True))
     failed = [rule for rule, finding in pairs if finding["verdict"] == Verdict.FAIL.value]
     return [side for side in SIDES if not any(rule.needs[side] is Need.NEEDED for rule in failed)]

@@ -1,4 +1,4 @@
-"""Messages as they are on the wire, byte by byte, for whoever writes another implementation."""
+"""Messages as on the wire, byte by byte, for authors of other implementations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STATION, FOG, DRONE = 0x0A11CE, 0xF061, 0xD203E
 
 @dataclass(frozen=True)
 class Example:
-    """One message on its topic, in both forms."""
+    """One message with its topic, in CBOR and in JSON."""
 
     title: str
     topic: str

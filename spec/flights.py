@@ -1,4 +1,4 @@
-"""What fleets of different sizes cost in flight, over both protocols: a table for docs/scale.md, and its picture.
+"""The cost of fleets of different sizes in flight, over both protocols: a table for docs/scale.md, and its picture.
 
 `python -m spec.flights FOLDER…` reads series of one scenario, arm and profile, and writes docs/scale/flights.json.
 """
@@ -23,16 +23,16 @@ from .tables import table
 
 FLIGHTS = ROOT / "docs" / "scale" / "flights.json"
 CLOUD, FOG = ("broker", "router-cloud"), ("activator", "router-fog")
-"""The beginnings of names of the containers that pass on, in the cloud and at a fog, over either protocol."""
+"""Prefixes of the names of relaying containers, in the cloud and at a fog, for both protocols."""
 _EDGE = 2
-"""Seconds at each end of a mission that do not count: the first has what was before it, the last may be a part."""
+"""Seconds left out at each end of a mission: the first includes earlier traffic, the last may be incomplete."""
 
 
 @dataclass(frozen=True)
 class Flight:
     """One attempt: rates in bytes per second, processor time in seconds, delays of commands on links in ms.
 
-    `total` is TotalLoad, what passes on the air links below all fogs (equation 2 of the thesis); `wan` is what passes
+    `total` is TotalLoad, the traffic on the air links of all fogs (equation 2 of the thesis); `wan` is the traffic
     between station and cloud.
     """
 
@@ -54,12 +54,12 @@ class Flight:
 
 
 def read_flights(path: Path = FLIGHTS) -> list[Flight]:
-    """In the order of drones, then fogs."""
+    """The flights, ordered by drones, then fogs."""
     return [Flight(**each) for each in json.loads(path.read_text(encoding="utf-8"))]
 
 
 def flight(protocol: str, entry: Mapping[str, Any]) -> Flight:
-    """Of an attempt as metrics.json has it; raises ResultsError for one that is too short or without a command."""
+    """The flight of an attempt in metrics.json; raises ResultsError if it is too short or has no command."""
     fogs = {name: drones for name, drones in entry["load"].items() if name != "total"}
     delays = list(chain.from_iterable(entry["delay_ms"].values()))
     if len(entry["load"]["total"]) <= 2 * _EDGE or not delays:
@@ -115,7 +115,7 @@ _PANELS: tuple[tuple[str, Callable[[Flight], float]], ...] = (
 
 
 def draw(flights: Sequence[Flight]) -> Drawing:
-    """Three panels, drones to the right, all axes from zero; several fleets of as many drones differ in their fogs."""
+    """Draw three panels with drones on the x axis and all axes from zero; fleets of equal size differ in their fogs."""
     drawing = Drawing(len(_PANELS) * _APART, 350, "Flights against drones")
     most = max(one.drones for one in flights)
     for place, (title, value) in enumerate(_PANELS):

@@ -13,7 +13,7 @@ from .scale import COMMANDS_EVERY_S, HOPS, MAVLINK, ROLES, costs, hops, needs, r
 from .svg import Drawing
 
 _LEAST, _MOST = 10, 1000
-"""Drones on the axis, which is logarithmic."""
+"""The range of the logarithmic axis of drones."""
 _LEFT, _RIGHT, _TOP, _BOTTOM, _APART = 60, 310, 50, 330, 325
 _KINDS = ("mqttxt", "", "mavlink")
 _STEPS = (10, 20, 50, 100, 200, 500, 1000)
@@ -21,7 +21,7 @@ _DOT = 7
 
 
 def draw() -> Drawing:
-    """Cores at the left, kbit per second in the middle, delays at the right."""
+    """Draw three panels, from the left: cores, kbit per second, delays."""
     drawing = Drawing(3 * _APART + 10, 420, "Load against drones")
     runs = read_runs()
     page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
@@ -48,7 +48,7 @@ def draw() -> Drawing:
 
 
 def _delays(drawing: Drawing, left: float, runs: Sequence[dict[str, Any]]) -> None:
-    """The longest time from a call to the autopilot in each run, and the median of those that have one."""
+    """Draw each run's longest delay from a call to the autopilot, and its median where the run recorded it."""
     longest = [(run["drones"], 1000 * run["slowest_s"]) for run in runs]
     medians = [(run["drones"], 1000 * run["median_s"]) for run in runs if "median_s" in run]
     place = _axes(drawing, left, "ms from a call to the autopilot", [ms for _, ms in longest + medians])
@@ -65,7 +65,7 @@ def _across(left: float, drones: float) -> float:
 
 
 def _axes(drawing: Drawing, left: float, title: str, values: Sequence[float]) -> Callable[[float], float]:
-    """Both axes with their numbers; returns where a value lies."""
+    """Draw both axes with their numbers; returns a value's y coordinate as a function."""
     lowest, highest = 10 ** int(log10(min(values)) // 1), 10 ** int(-(-log10(max(values)) // 1))
 
     def place(value: float) -> float:

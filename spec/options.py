@@ -1,4 +1,4 @@
-"""The options of each subcommand, and the rules that are checked of each role, as Markdown tables for the pages.
+"""The options of each subcommand as Markdown tables, and the rules checked for each role as lists, for the pages.
 
 `python -m spec.options FILE…` writes them between `<!-- generated: options … -->` and `<!-- end -->`.
 """
@@ -26,7 +26,7 @@ MANY = 3
 
 
 def subcommands(parent: Any = None, path: str = "") -> dict[str, Any]:
-    """Every subcommand by its words, as `gs-watch`."""
+    """Every subcommand, by its words joined as in `gs-watch`."""
     found: dict[str, Any] = {}
     root: Any = parent or typer.main.get_command(app)
     for name, command in sorted(root.commands.items()):
@@ -36,13 +36,13 @@ def subcommands(parent: Any = None, path: str = "") -> dict[str, Any]:
 
 
 def groups(path: str) -> list[str]:
-    """The groups that a subcommand is in: `gs` and `gs-plan` of `gs-plan-upload`."""
+    """The groups that contain a subcommand: for `gs-plan-upload`, `gs` and `gs-plan`."""
     words = path.split("-")
     return ["-".join(words[:count]) for count in range(1, len(words))]
 
 
 def group(name: str) -> str:
-    """Every subcommand of a group under its own heading; above them what three or more of them take."""
+    """Every subcommand of a group under its own heading; above them the options that three or more share."""
     of_group = {
         path.removeprefix(f"{name}-"): command for path, command in subcommands().items() if path.startswith(f"{name}-")
     }
@@ -71,7 +71,7 @@ def group(name: str) -> str:
 
 
 def options(command: Any) -> str:
-    """What a subcommand takes; what many take, as a link to it."""
+    """A subcommand's options; for widely shared ones, a link to them."""
     rows, shared = _parted(command)
     return "\n\n".join([*([_table(rows)] if rows else []), *([f"And {shared}."] if shared else [])])
 
@@ -101,7 +101,7 @@ def _rows_of(kind: type[Any], of: str) -> tuple[Row, ...]:
 
 
 def rules_list(rules: list[Rule]) -> str:
-    """A role's rules by the section of the specification that they are of."""
+    """A role's rules, grouped by the specification's section of their first number."""
     by_section: dict[int, list[str]] = {}
     for rule in rules:
         section = int(rule.numbers[0].removeprefix("R").partition(".")[0])
@@ -125,7 +125,7 @@ SHARED = {
     _rows_of(DroneOptions, "gs-plan-clear"): "one drone",
     _rows_of(StationOptions, "gs-watch"): "every station",
 }
-"""Rows that many subcommands have, and whose they are; a page has them under that name."""
+"""Rows that many subcommands share, and the name under which docs/ground-station.md lists them."""
 
 
 def main(*files: str) -> None:

@@ -1,6 +1,6 @@
 """The documents' pictures, made from the code and from the fleet: `python -m spec.pictures FOLDER`.
 
-A test holds the pictures in docs/pictures to this.
+A test checks that the pictures in docs/pictures are up to date.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from . import flights, load_picture
 from .svg import Drawing
 
 _MISSION = {"mqttxt": "mission (mqttxt)", "mavlink": "mission (MAVSDK)"}
-"""What the runner starts on the ground station itself; compose.yaml has the programs of all other nodes."""
+"""The programs that the runner starts on the ground station; compose.yaml has those of all other nodes."""
 _NAMES = {"sitl fly": "sitl (autopilot)", "router": "mavp2p", "mosquitto": "Mosquitto"}
 SHOWN = "five-states-bundled-lte"
 _COLUMNS = {"gs": 100, "cloud": 325, "fog": 560, "uav": 795}
@@ -42,7 +42,7 @@ _WIDTH, _ROW, _TALL = 150, 52, 40
 
 
 def topology() -> Drawing:
-    """The nodes with their addresses, the links between them, and the programs on each kind of node."""
+    """Draw the nodes with their addresses, the links between them, and the programs on each kind of node."""
     fleet = standard_fleet()
     nodes = fleet.topology()
     rows = {f"uav{drone}": row for row, drone in enumerate(fleet.fog_of)}
@@ -76,7 +76,7 @@ def topology() -> Drawing:
 
 
 def programs(kind: str, protocol: str) -> list[str]:
-    """What runs on the nodes of a kind (gs, cloud, fog, uav) while a protocol flies."""
+    """The programs on nodes of a kind (gs, cloud, fog, uav) during a flight over `protocol`."""
     found = [_MISSION[protocol]] if kind == "gs" else []
     for service in read_services().values():
         node = service.get("network_mode", "").removeprefix("service:")
@@ -106,11 +106,11 @@ _ROOMS = (
     ),
     ("present", "shows the quantities, computes nothing", (REPORT, "figures/", PAGE, "compare.html")),
 )
-"""The rooms of `testbed`, what each does, and what it makes."""
+"""The rooms of `testbed`, the work of each, and its output."""
 
 
 def data_flow() -> Drawing:
-    """From what a person writes to the report: each room of `testbed` reads what the one above made."""
+    """Draw the way from hand-written files to the report: each room of `testbed` reads the output of the one above."""
     step = 84
     drawing = Drawing(860, 70 + step * len(_ROOMS), "From a plan to a report")
     drawing.box(410, 20, 430, 40)
@@ -134,7 +134,7 @@ _APART = 150
 
 
 def command() -> Drawing:
-    """The way of one takeoff, from the call to its last word, with the deadlines on it."""
+    """Draw the way of one takeoff, from the call to its last word, with its deadlines."""
     fog, field = CloudSide(1), FogSide()
     name, limit_s, grace_s = Takeoff.name, Takeoff.limit_s, GRACE_MS / 1000
     drawing = Drawing(900, 652, "A command's way and its deadlines")
@@ -187,7 +187,7 @@ def command() -> Drawing:
 
 
 def terminal() -> str:
-    """What a run's last lines on the terminal are: the newest kept series of scenario 1 that has SHOWN's conditions."""
+    """A run's last lines on the terminal, as SVG, from the newest kept series of scenario 1 with SHOWN's conditions."""
     series = max((ROOT / "docs" / "findings" / "scenario-1" / SHOWN).iterdir())
     metrics = json.loads((series / METRICS).read_text(encoding="utf-8"))
     console = Console(record=True, width=106, file=io.StringIO(), force_terminal=True, highlight=False)
@@ -197,7 +197,7 @@ def terminal() -> str:
     for table in (report_terminal.comparison_table(metrics), report_terminal.attempts_table(metrics)):
         console.print(table)
     drawn = console.export_svg(title="make scenario-1", unique_id="terminal")
-    return re.sub(r"@font-face {.*?}\s*", "", drawn, flags=re.DOTALL)  # nothing is loaded from another host
+    return re.sub(r"@font-face {.*?}\s*", "", drawn, flags=re.DOTALL)  # without fonts from other hosts
 
 
 PICTURES: dict[str, Callable[[], str]] = {

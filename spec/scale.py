@@ -1,4 +1,4 @@
-"""What more drones cost, from runs of whole roles: tables for docs/scale.md, and what a picture of them needs.
+"""The cost of more drones, from runs of whole roles: tables for docs/scale.md, and the data of its picture.
 
 `python -m spec.scale FILE` writes them between their markers, from the runs that `python -m tests.bench load --write`
 added to `load.json` and `cluster.json` in the folder beside it, from `prices.yaml` there, and from the bytes per hop in
@@ -31,26 +31,26 @@ MOSQUITTO = "mosquitto"
 RUNS = ROOT / "docs" / "scale" / "load.json"
 ROLES = {"activators": "activators", "broker": "broker", "station": "station"}
 SHOWN = {"drones": "UAV clients", **ROLES}
-"""What runs show; the UAV clients' part falls on the drones."""
+"""The roles shown for a run; the load of the UAV clients falls on the drones."""
 STATES = 5
-"""Of each drone, a second, in every run."""
+"""States per second of each drone, in every run."""
 COMMANDS_EVERY_S = 10.0
-"""How often a drone of the computed fleets has a command, in seconds."""
+"""The interval of the commands to each drone of the computed fleets, in seconds."""
 BUSY = 0.5
-"""Of one core: as much as a process that has only one should be given, so that commands do not wait."""
+"""The highest share of a core that a process with only one should use, so that commands do not wait."""
 FLEETS = (250, 1000, 10_000, 1_000_000)
 HOPS = ("drone to fog's broker", "activator to cloud's broker", "cloud's broker to a station")
 MONTH_S = 30 * 86_400
 _BYTES = r"^\| {} \| [\d,]+ \| ([\d,]+), ([\d,]+), ([\d,]+) \|"
 MQTTXT, MAVLINK = "MQTT-XT, bundles", "MAVLink 2 over UDP"
-"""Rows of that section."""
+"""Rows of the table in docs/performance.md."""
 _BYTES_OF_DRONES = 6
-"""How many drones the section "Bytes of a fleet" has."""
+"""The number of drones in the section "Bytes of a fleet" of docs/performance.md."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Cores that a role takes: of each fog, of each drone with its five states a second, of each command a second."""
+    """Cores that a role takes per fog, per drone with its five states per second, and per command per second."""
 
     per_fog: float
     per_drone: float
@@ -62,7 +62,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a number of drones takes: processes, cores by role, and bytes a second on each hop of all of them."""
+    """The needs of a number of drones: processes, cores by role, and bytes per second of all drones on each hop."""
 
     drones: int
     fogs: int
@@ -79,7 +79,7 @@ def read_runs(path: Path = RUNS) -> list[dict[str, Any]]:
 
 
 def hops(page: str, row: str = MQTTXT) -> tuple[float, ...]:
-    """Bytes a second of one drone on each hop, from a row in the text of docs/performance.md."""
+    """Bytes per second of one drone on each hop, from a row in the text of docs/performance.md."""
     found = re.search(_BYTES.format(re.escape(row)), page, re.MULTILINE)
     assert found is not None, f"docs/performance.md: expected a row {row!r} with three hops"
     return tuple(int(hop.replace(",", "")) / _BYTES_OF_DRONES for hop in found.groups())
@@ -88,7 +88,7 @@ def hops(page: str, row: str = MQTTXT) -> tuple[float, ...]:
 def costs(runs: Sequence[dict[str, Any]]) -> dict[str, Cost]:
     """Each role's cost by least squares over all runs, none of its three parts below zero.
 
-    What does not lie between zero is left out: of all choices of parts the one that fits best counts.
+    Of all subsets of the parts, the best-fitting one without a negative part counts; the other parts are zero.
     """
     factors = np.array([[run["fogs"], run["drones"], sum(run["words"].values()) / run["seconds"]] for run in runs])
     return {role: Cost(*_fitted(factors, np.array([run["shares"][role] for run in runs]))) for role in ROLES}
@@ -109,7 +109,7 @@ def _fitted(factors: Any, measured: Any) -> list[float]:
 
 
 def needs(drones: int, cost: dict[str, Cost], apiece: Sequence[float], every_s: float = COMMANDS_EVERY_S) -> Needs:
-    """The processes for a number of drones with a command each `every_s` seconds, `BUSY` of a core at most each."""
+    """The needs of a number of drones with a command each `every_s` seconds, at most `BUSY` of a core per process."""
     fogs = ceil(drones / MAX_DRONE)
     cores = {role: cost[role].cores(fogs, drones, drones / every_s) for role in ROLES}
     busy = {role: max(1, ceil(cores[role] / BUSY)) for role in ("broker", "station")}
@@ -144,13 +144,13 @@ def runs_table(runs: Sequence[dict[str, Any]]) -> str:
 
 
 def _on(run: dict[str, Any]) -> str:
-    """Where the cloud is not one Mosquitto, as in the first runs, which do not say so."""
+    """The cloud's broker, unless it is one Mosquitto, as in the first runs, which do not name it."""
     cloud = run.get("cloud", MOSQUITTO)
     return "" if cloud == MOSQUITTO else f", {cloud}"
 
 
 def _seconds(value: float | None) -> str:
-    """The first runs kept no median."""
+    """A delay in ms or s; a dash for the medians missing in the first runs."""
     if value is None:
         return "–"
     return f"{1000 * value:.0f} ms" if value < 0.1 else f"{value:.2f} s"
@@ -166,7 +166,7 @@ def costs_table(cost: dict[str, Cost]) -> str:
 
 
 def read_prices(path: Path) -> dict[str, dict[str, Any]]:
-    """What is bought, by name: the dollars of it, the unit, and where that price was read."""
+    """The prices by name, each with its dollars, unit and source."""
     prices: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))
     return prices
 
@@ -199,7 +199,7 @@ def needs_table(found: Sequence[Needs], prices: dict[str, dict[str, Any]]) -> st
 
 
 def limits(cost: dict[str, Cost]) -> str:
-    """How many drones fill `BUSY` of the one core that a process has."""
+    """The number of drones that load a process to `BUSY` of its one core."""
     lines = []
     for role in ("broker", "station"):
         each = cost[role].cores(1 / MAX_DRONE, 1, 1 / COMMANDS_EVERY_S)
@@ -208,7 +208,7 @@ def limits(cost: dict[str, Cost]) -> str:
 
 
 def goals(cost: dict[str, Cost]) -> str:
-    """What a thousand drones take by the costs, beside the goals."""
+    """A thousand drones' cores by the fitted costs, beside the goals."""
     found = needs(1000, cost, ()).cores
     of_250 = 100 * found["activators"] * MAX_DRONE / 1000
     return (

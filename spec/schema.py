@@ -1,6 +1,6 @@
 """The schemas of both payload forms, made from the messages themselves: JSON Schema and CDDL (RFC 8610).
 
-`python -m spec.schema DIRECTORY` writes them; a test holds the repository's copies to this.
+`python -m spec.schema DIRECTORY` writes them; a test checks that the repository's copies are up to date.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def cddl() -> str:
 
 
 def rule_name(cls: type[Any]) -> str:
-    """What a message is called in the CDDL and in the specification."""
+    """A message's name in the CDDL and in the specification."""
     words = "".join(f"-{c.lower()}" if c.isupper() else c for c in cls.__name__).lstrip("-")
     return words.removesuffix("-message")
 

@@ -1,4 +1,4 @@
-"""Draws boxes, lines and text as SVG that looks alike in a light and a dark page."""
+"""Draws boxes, lines and text as SVG that looks the same on light and dark pages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ text { font: 13px system-ui, sans-serif; fill: #1b2430; }
 
 
 class Drawing:
-    """A picture of `width` by `height` pixels, y downwards; what is added later lies above."""
+    """A picture of `width` by `height` pixels, y downwards; later parts cover earlier ones."""
 
     def __init__(self, width: int, height: int, title: str) -> None:
         self.width, self.height, self.title = width, height, title
@@ -27,7 +27,7 @@ class Drawing:
         self._parts.append(f'<rect class="{kind}" x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="5"/>')
 
     def text(self, x: float, y: float, words: str, kind: str = "", anchor: str = "start") -> None:
-        """`y` is the text's baseline; `anchor` is start, middle or end."""
+        """Add a text; `y` is its baseline, `anchor` is start, middle or end."""
         self._parts.append(f'<text class="{kind}" x="{x:g}" y="{y:g}" text-anchor="{anchor}">{escape(words)}</text>')
 
     def line(

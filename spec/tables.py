@@ -1,7 +1,7 @@
 """The specification's tables, made from the code: topics, payloads, words, commands, states, worked examples.
 
 `python -m spec.tables FILE` writes them into a Markdown file, each between its markers
-`<!-- generated: NAME -->` and `<!-- end -->`; a test holds docs/protocol.md to this.
+`<!-- generated: NAME -->` and `<!-- end -->`; a test checks that docs/protocol.md is up to date.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _topic_table(rows: Iterable[TopicRow]) -> str:
 
 
 def messages() -> str:
-    """Each message with its fields in CBOR's order, and every enumeration that they use."""
+    """Each message with its fields in CBOR's order, then every enumeration that the messages use."""
     classes = [*MESSAGES]
     for cls in classes:
         parts_of = [*_variants_of(cls), *_inner_messages(cls)]
@@ -104,7 +104,7 @@ def _message(cls: type[Any]) -> str:
 
 
 def _variants_of(cls: type[Any]) -> list[type[Any]]:
-    """The bodies of a message that has no section of its own for them, as commands and states have."""
+    """The bodies of a message's variants; none for commands and states, which have sections of their own."""
     variant = layout_of(cls).variant
     return [] if variant is None or variant[1] in (COMMAND, STATE) else [body for _, _, body in variant[1].codes]
 
@@ -116,7 +116,7 @@ def _missing(layout: Layout, index: int) -> str:
 
 
 def _docstring(cls: object) -> str:
-    """What its author says of something, on one line."""
+    """An object's docstring on one line."""
     return " ".join((cls.__doc__ or "").split())
 
 
@@ -126,7 +126,7 @@ def _inner_messages(cls: type[Any]) -> list[type[Any]]:
 
 
 def _inner(hint: Any) -> Any:
-    """What a field holds: the mark of its type, of a list the items' type."""
+    """The mark of a field's type; for a list, that of its items."""
     hint = _without_none(hint)
     mark = mark_of(hint)
     return mark_of(item_of(hint)) if isinstance(mark, Items) else mark
@@ -152,7 +152,7 @@ def _enumerations(classes: Iterable[type[Any]]) -> list[str]:
 
 
 def _forms(name: str, hint: Any) -> tuple[str, str]:
-    """What a field is in CBOR, and in JSON; `hint` is its type or the mark itself."""
+    """A field's form in CBOR, and in JSON; `hint` is its type or the mark itself."""
     hint = _without_none(hint)
     mark = mark_of(hint)
     unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
@@ -208,7 +208,7 @@ def words() -> str:
 
 
 def commands() -> str:
-    """Every command with its code, parameters and default limit; then what their parameters consist of."""
+    """Every command with its code, parameters and default limit; then the composite types of their parameters."""
     inner = [cls for _, _, body in COMMAND.codes for cls in _inner_messages(body)]
     return "\n\n".join([_command_table(), *(_message(cls) for cls in inner)])
 
@@ -231,14 +231,14 @@ def _command_table() -> str:
 
 
 def mav_cmds() -> str:
-    """The MAV_CMDs that `mavlink` does not send as others."""
+    """The MAV_CMDs that the command `mavlink` denies: always, or unless enabled."""
     typed = table(("MAV_CMD", "name", "command"), ((str(n), MAV_CMDS[n], f"`{TYPED[n]}`") for n in sorted(TYPED)))
     guarded = table(("MAV_CMD", "name", "why"), ((str(n), MAV_CMDS[n], GUARDED[n]) for n in sorted(GUARDED)))
     return f"Denied, because there is a command for it:\n\n{typed}\n\nDenied unless enabled:\n\n{guarded}"
 
 
 def guarded_parameters() -> str:
-    """The parameters that `set_parameter` does not set as others, by the reason."""
+    """The parameters that `set_parameter` does not set unless enabled, grouped by reason."""
     by_reason: dict[str, list[str]] = {}
     for pattern, why in GUARDED_PARAMETERS.items():
         by_reason.setdefault(why, []).append(f"`{pattern}`")
@@ -246,7 +246,7 @@ def guarded_parameters() -> str:
 
 
 def states() -> str:
-    """Every state with its fields and when it is published; what no bundle carries has no code."""
+    """Every state with its fields and publishing policy; a state that no bundle carries has no code."""
     codes = {name: str(code) for code, name, _ in STATE.codes}
     return table(
         ("code", "state", "fields in CBOR", "in JSON", "published beyond", "at most", "what"),
@@ -258,7 +258,7 @@ def states() -> str:
 
 
 def _published(name: str) -> tuple[str, str]:
-    """Beyond which change and how often at most; a text has no policy, but comes and goes."""
+    """The change beyond which a state is published, and its highest rate; a text has no policy: each, at 5 Hz."""
     on_request = " (on request)" if name in ON_REQUEST else ""
     policy = POLICIES.get(name)
     return (f"each{on_request}", "5 Hz") if policy is None else (policy.deadband + on_request, _rate(policy))
@@ -300,7 +300,7 @@ _BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL
 
 
 def filled(text: str, sections: Mapping[str, Callable[[], str]] = SECTIONS) -> str:
-    """`text` with everything between its markers made anew; raises ConfigurationError for a marker without tables."""
+    """`text` with the tables between its markers made anew; raises ConfigurationError for an unknown marker."""
 
     def fill(block: re.Match[str]) -> str:
         make = sections.get(block[2])

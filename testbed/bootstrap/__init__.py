@@ -1,1 +1,1 @@
-"""Gets a bare machine ready: virtual environment, Docker, images. Standard library only."""
+"""Prepares a bare machine: virtual environment, Docker, images. Uses only the standard library."""

@@ -12,13 +12,13 @@ from .venv import ensure_venv, lock, upgrade, venv_is_current
 
 
 def containers() -> None:
-    """Docker and the images."""
+    """Make sure that Docker runs and that the images exist."""
     ensure_docker()
     ensure_images()
 
 
 def doctor() -> None:
-    """Print what is there, what is missing, and what to type."""
+    """Print what is installed, what is missing, and the commands to type."""
     check_python()
     daemon = daemon_answers()
     compose = compose_command()

@@ -1,4 +1,4 @@
-"""The Docker daemon: used when it answers, started when it is installed, installed when it is not."""
+"""The Docker daemon: used if it answers, started if it is installed, else installed."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ LOG = CACHE / "dockerd.log"
 PID_FILES = {"dockerd": Path("/var/run/docker.pid"), "containerd": Path("/var/run/docker/containerd/containerd.pid")}
 REAL_TIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
 REAL_TIME_US = 900_000
-"""Of every second; the kernel's own limit for all programs together is 950 ms."""
+"""Microseconds per second; the kernel's limit for all programs together is 950 ms."""
 
 
 def ensure_docker() -> None:
-    """Make sure that a daemon answers and that a compose command is there."""
+    """Make sure that a daemon answers and that a compose command works. Raises BootstrapError if that fails."""
     if not daemon_answers():
         _check_rights()
         if shutil.which("dockerd") is None:
@@ -39,7 +39,7 @@ def daemon_answers() -> bool:
 
 
 def compose_command() -> list[str] | None:
-    """`docker compose` where it is there, else docker-compose, else None."""
+    """`docker compose` if it works, else docker-compose, else None."""
     for command in (["docker", "compose"], ["docker-compose"]):
         if succeeds([*command, "version"]):
             return command
@@ -47,7 +47,7 @@ def compose_command() -> list[str] | None:
 
 
 def _check_rights() -> None:
-    """A daemon that runs elsewhere, or does not talk to this user, is not to be started a second time."""
+    """Raise BootstrapError if a daemon runs elsewhere or refuses this user: it must not be started a second time."""
     host = os.environ.get("DOCKER_HOST")
     if host and shutil.which("docker") is not None:
         raise BootstrapError(f"DOCKER_HOST={host}: no Docker daemon answers there; start it, or unset DOCKER_HOST")
@@ -84,7 +84,7 @@ def _spawn() -> subprocess.Popen[bytes]:
 
 
 def remove_stale_pid_files(files: Mapping[str, Path] = PID_FILES, processes: Path = Path("/proc")) -> None:
-    """Remove what a daemon left that was killed with its machine: dockerd takes any process of that number for it."""
+    """Remove the pid files of daemons killed with their machine: dockerd takes any process with that pid for a daemon."""
     for program, file in files.items():
         if file.exists():
             command = processes / file.read_text().strip() / "comm"
@@ -93,10 +93,10 @@ def remove_stale_pid_files(files: Mapping[str, Path] = PID_FILES, processes: Pat
 
 
 def give_real_time(of_all: Path = REAL_TIME) -> None:
-    """Give Docker's containers real time, where the kernel gives it out by cgroup (CONFIG_RT_GROUP_SCHED, cgroup v1).
+    """Give Docker's containers real time, if the kernel assigns it by cgroup (CONFIG_RT_GROUP_SCHED, cgroup v1).
 
-    They have none by themselves, and without it the link emulator, which nothing may hold up, is late beside a fleet
-    that fills two cores. Where other groups have too much of it, the kernel refuses; `net` then does without.
+    By default they have none. Without it the link emulator, which must not be delayed, is late beside a fleet that
+    fills two cores. If other groups have too much of it, the kernel refuses; `net` then runs without.
     """
     if of_all.is_file():
         group = of_all.parent / "docker"

@@ -1,4 +1,4 @@
-"""The images: a Debian base that is made where no registry answers, and the node image on top of it."""
+"""The images: a Debian base, made here if no registry answers, and the node image on top of it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CA_BUNDLES = ("/etc/ssl/certs/ca-certificates.crt", "/etc/pki/tls/certs/ca-bund
 
 
 def ensure_images() -> None:
-    """Make what is missing; the node image is made again when what goes into it has changed."""
+    """Make missing images, and the node image again if its sources have changed."""
     wanted = node_inputs()
     if _label() == wanted:
         return
@@ -37,12 +37,12 @@ def ensure_images() -> None:
 
 
 def node_is_current() -> bool:
-    """Whether the node image is there and made from the present sources."""
+    """Whether the node image exists and is made from the current sources."""
     return _label() == node_inputs()
 
 
 def storage() -> Path:
-    """Where the daemon keeps its images; this repository's folder where that cannot be seen from here."""
+    """The folder in which the daemon keeps its images; this repository's folder if that is not visible from here."""
     kept = Path(run(["docker", "info", "--format", "{{.DockerRootDir}}"]).strip())
     return kept if kept.is_dir() else ROOT
 
@@ -63,7 +63,7 @@ def node_inputs(root: Path = ROOT) -> str:
 
 
 def _is_left_over(part: str) -> bool:
-    """Whether a file or folder is a tool's, not the project's; .dockerignore leaves the same ones out."""
+    """Whether a file or folder was made by a tool; .dockerignore excludes the same ones."""
     return part.startswith(".") or part == "__pycache__" or part.endswith(".egg-info")
 
 
@@ -76,7 +76,7 @@ def _label() -> str | None:
 
 
 def _make_base() -> None:
-    """Pull the base image where a registry answers, else make it from Debian's packages."""
+    """Pull the base image if a registry answers, else make it from Debian's packages."""
     with step(f"looking for {BASE} at a registry"):
         pulled = succeeds(["docker", "pull", "--quiet", BASE], timeout_s=PULL_TIMEOUT_S)
     if pulled:

@@ -1,4 +1,4 @@
-"""How a preparation step is announced, and how it runs programs."""
+"""Preparation steps: announcing them, running programs, and checking the machine."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _CAUSES = {
 
 
 class BootstrapError(Exception):
-    """A step that cannot be done: its text says why and what to type."""
+    """A step failed: the text says why and what to type."""
 
 
 @contextlib.contextmanager
 def step(what: str) -> Iterator[None]:
-    """Announce a step and, when it is done, how long it took."""
+    """Print a step and, once it is done, how long it took."""
     print(f"  {what} …", end="", flush=True)
     started = time.monotonic()
     try:
@@ -46,7 +46,7 @@ def step(what: str) -> Iterator[None]:
 
 
 def run(argv: Sequence[str], *, timeout_s: float = 900, env: dict[str, str] | None = None) -> str:
-    """Run a program and return what it printed; raises BootstrapError with its last lines when it fails."""
+    """Run a program and return its output. Raises BootstrapError with its last lines if it fails."""
     try:
         done = subprocess.run(
             argv,
@@ -74,12 +74,12 @@ def run(argv: Sequence[str], *, timeout_s: float = 900, env: dict[str, str] | No
 
 
 def known_cause(output: str) -> str | None:
-    """What a person needs to know where a program failed of something common; None for anything else."""
+    """The advice for a common failure in a program's output; None for any other."""
     return next((cause for sign, cause in _CAUSES.items() if re.search(sign, output, re.IGNORECASE)), None)
 
 
 def succeeds(argv: Sequence[str], timeout_s: float = 30) -> bool:
-    """Whether a program runs and ends well."""
+    """Whether a program ends with exit code 0 within the time limit."""
     try:
         run(argv, timeout_s=timeout_s)
     except BootstrapError:
@@ -101,21 +101,21 @@ def apt_install(packages: Sequence[str], why: str) -> None:
 
 
 def check_python() -> None:
-    """Raise BootstrapError when this Python is too old."""
+    """Raise BootstrapError if this Python is too old."""
     found = ".".join(str(part) for part in sys.version_info[:3])
     if tuple(sys.version_info[:2]) < OLDEST_PYTHON:
         raise BootstrapError(f"python3 is {found}; expected 3.11 or newer")
 
 
 def check_disk(path: Path, need_mib: int) -> None:
-    """Raise BootstrapError when the disk of `path` has less than `need_mib` MiB left."""
+    """Raise BootstrapError if the disk of `path` has less than `need_mib` MiB left."""
     left_mib = shutil.disk_usage(path).free // 2**20
     if left_mib < need_mib:
         raise BootstrapError(f"disk of {path}: {left_mib} MiB free, expected at least {need_mib} MiB")
 
 
 def print_rows(rows: Sequence[tuple[str, bool, str, str]]) -> None:
-    """A line for each name: whether it is there, and which, else what to type."""
+    """Print a line per row (name, whether it exists, which one, command to type if it is missing)."""
     for name, there, found, hint in rows:
         print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")
 
@@ -123,7 +123,7 @@ def print_rows(rows: Sequence[tuple[str, bool, str, str]]) -> None:
 def command(module: str, name: str, actions: Mapping[str, Callable[[], object]]) -> int:
     """Carry out the action that the command line names; returns the exit code of `python3 -m MODULE`.
 
-    `name` is whose error it is, in front of a line about a step that cannot be done.
+    `name` is the prefix of error lines.
     """
     if sys.platform != "linux":
         print(f"{name}: runs on Linux, not on {sys.platform}; mqttxt's ground station runs there too", file=sys.stderr)

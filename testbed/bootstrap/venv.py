@@ -1,4 +1,4 @@
-"""The virtual environment: made from the pinned requirements, made again when they change."""
+"""The virtual environment: made from the pinned requirements, and made again when they change."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ SOURCES = (
     "services/router/src",
 )
 COMMANDS = {"mqttxt": "mqttxt.cli", "testbed": "testbed.cli.commands"}
-"""Commands of `.venv/bin`, and the modules whose `main` they are."""
+"""The commands in `.venv/bin`, with the modules whose `main` they run."""
 _MARK = VENV / ".made-from"
 _OLD = ROOT / ".cache" / "venv-before"
 
 
 def ensure_venv() -> None:
-    """Make `.venv` unless it is there and made from the present lock file; one that was there stays if that fails."""
+    """Make `.venv` unless it is made from the current lock file; if that fails, the previous one is kept."""
     check_python()
     CACHE.mkdir(exist_ok=True)
     if not venv_is_current():
@@ -79,17 +79,17 @@ def _has_module(name: str) -> bool:
 
 
 def venv_is_current() -> bool:
-    """Whether `.venv` was made from the present lock file by this Python, in this folder."""
+    """Whether `.venv` was made from the current lock file by this Python, in this folder."""
     return _MARK.exists() and _MARK.read_text() == _key()
 
 
 def lock() -> None:
-    """Pin `requirements/*.in`, with hashes, for every platform and Python from 3.11 on; pins that still fit stay."""
+    """Pin `requirements/*.in`, with hashes, for every platform and Python from 3.11 on; keeps pins that still fit."""
     _pin()
 
 
 def upgrade() -> None:
-    """Pin the newest of everything instead."""
+    """As `lock`, but pin the newest version of every package."""
     _pin("--upgrade")
 
 

@@ -1,1 +1,1 @@
-"""The `testbed` command: a module for each part of it."""
+"""The `testbed` command: a module for each part."""

@@ -1,4 +1,4 @@
-"""The command: fly everything, or go on where that was broken off."""
+"""The command `testbed all`: flies everything, or resumes an interrupted run."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def fly_everything(
 
 
 def _here(plans: Sequence[Plan], root: Path, console: Console) -> bool:
-    """On this machine alone."""
+    """Fly a campaign on this machine alone."""
     only_run()
 
     def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
@@ -93,7 +93,7 @@ def _here(plans: Sequence[Plan], root: Path, console: Console) -> bool:
 
 
 def _on_machines(address: str, certificate: Path) -> Callable[[Sequence[Plan], Path, Console], bool]:
-    """On the workers of a scheduler. Dask is imported here alone. Raises UserError where no scheduler answers."""
+    """Fly a campaign on a scheduler's workers; Dask is only imported here. Raises UserError if no scheduler answers."""
     from ..fly.campaign.certificate import check_scheduler, security_of
     from ..fly.campaign.machines import fly_on_machines
 
@@ -104,7 +104,7 @@ def _on_machines(address: str, certificate: Path) -> Callable[[Sequence[Plan], P
 
 
 def _write_page(root: Path, console: Console) -> None:
-    """The summary of everything in the results folder, where anything is finished."""
+    """Write the summary of the results folder, if any series in it is finished."""
     if root.is_dir() and (found := find_cells([root])).cells:
         write_summary(found, root / PAGE, EXPERIMENTS)
         console.print(f"summary: {root / PAGE}", markup=False, soft_wrap=True)

@@ -220,7 +220,7 @@ def _machines(plan: Plan, progress: ConsoleProgress) -> Iterator[Callable[..., C
 
 @contextlib.contextmanager
 def _errors_as_lines() -> Iterator[None]:
-    """An error raised on purpose becomes one line on stderr and its exit code."""
+    """Turn an error raised on purpose into one line on stderr and its exit code."""
     try:
         yield
     except TestbedError as error:

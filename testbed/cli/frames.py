@@ -1,4 +1,4 @@
-"""What is shown of chosen frames: a table of them, each dissected, or their messages by kind."""
+"""The output for chosen frames: a table, each one dissected, or their messages by kind."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..present.packets_view.dissected import dissect, mavlink_frames, read_frame
 from ..present.packets_view.words import said_by_frame, said_by_publish
 
 _SAID = 3
-"""Messages of a frame that its row shows."""
+"""The most messages of a frame that its row shows."""
 _NARROWEST = 20
-"""Characters that what a frame says has at least, however narrow the terminal is."""
+"""The least width in characters of the column with a frame's messages, however narrow the terminal is."""
 
 
 def print_chosen(chosen: Chosen, choice: Choice, console: Console, show: int | None, rows: int) -> None:
-    """One attempt: the first `show` frames dissected, or a table of the first `rows` and their messages by kind."""
+    """Print one attempt: the first `show` frames dissected, or a table of the first `rows`, and messages by kind."""
     console.print(f"[bold]{escape(_shown(chosen.attempt.path))}[/]", soft_wrap=True)
     if chosen.truncated:
         console.print(f"cut off, read up to the cut: {', '.join(chosen.truncated)}", markup=False)
@@ -38,7 +38,7 @@ def print_chosen(chosen: Chosen, choice: Choice, console: Console, show: int | N
 
 
 def _table_of_frames(chosen: Chosen, count: int, width: int) -> Table:
-    """The first `count` frames; what they say is cut so that all columns fit into `width` characters."""
+    """A table of the first `count` frames; their messages are cut so that all columns fit into `width` characters."""
     listed = chosen.frames.head(count)
     messages = _messages_by_frame(chosen, listed)
     lines = []
@@ -84,7 +84,7 @@ def _print_frames(chosen: Chosen, count: int, console: Console) -> None:
 
 
 def _table_of_kinds(chosen: Chosen, choice: Choice) -> Table:
-    """Messages by kind on every link that they cross, and the frames in which none begins."""
+    """A table of messages by kind, counted on every link that they cross, and of the frames in which none begins."""
     span_s = _span_s(chosen, choice)
     frames = chosen.frames
     lost = int(frames["left_ns"].is_null().sum())
@@ -115,7 +115,7 @@ def _table_of_kinds(chosen: Chosen, choice: Choice) -> Table:
 
 
 def _span_s(chosen: Chosen, choice: Choice) -> float:
-    """The time that was asked for; where it was not, from the first chosen frame or to the last."""
+    """The chosen time span in seconds; without a limit, from the first chosen frame or to the last."""
     first, last = chosen.frames["t_ns"][0], chosen.frames["t_ns"][-1]
     start_ns = first if choice.from_s is None else chosen.start_ns + round(choice.from_s * 1e9)
     end_ns = last if choice.to_s is None else chosen.start_ns + round(choice.to_s * 1e9)
@@ -123,7 +123,7 @@ def _span_s(chosen: Chosen, choice: Choice) -> float:
 
 
 def _messages_by_frame(chosen: Chosen, frames: pl.DataFrame) -> dict[int, list[dict[str, Any]]]:
-    """All messages that begin in the frames, whichever of their kinds was asked for."""
+    """All messages that begin in the frames, not only those of the chosen kind."""
     found: dict[int, list[dict[str, Any]]] = defaultdict(list)
     columns = ("frame", "kind", "topic", "body")
     own = chosen.every_message.join(frames.select("frame"), on="frame", how="semi").select(columns)
@@ -133,7 +133,7 @@ def _messages_by_frame(chosen: Chosen, frames: pl.DataFrame) -> dict[int, list[d
 
 
 def _said(chosen: Chosen, frame: dict[str, Any], messages: list[dict[str, Any]]) -> list[str]:
-    """What the messages say; MAVLink's fields are read from the capture."""
+    """The messages' contents as text; MAVLink's fields are read from the capture."""
     if frame["protocol"] == "mavlink":
         packet = dissect(_packet(chosen, frame), "mavlink", [])
         return [said_by_frame(layer) for layer in mavlink_frames(packet)[: len(messages)]]
@@ -150,7 +150,7 @@ def _packet(chosen: Chosen, frame: dict[str, Any]) -> Any:
 
 
 def _kinds(messages: list[dict[str, Any]]) -> str:
-    """The first message's kind, and how many follow."""
+    """The kind of the first message, and how many more there are."""
     more = f" +{len(messages) - 1}" if len(messages) > 1 else ""
     return f"{messages[0]['kind']}{more}" if messages else "-"
 

@@ -1,4 +1,4 @@
-"""A fleet that is up: what starts and ends it, its links by hand, and its live page."""
+"""The commands for a fleet by hand: starting and ending it, changing its links, and its live page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SHAPER_HELP = f"What shapes the links: {', '.join(SHAPERS)}; auto: netem where t
 
 
 def factor_help(name: str) -> str:
-    """What a factor can be."""
+    """The help text for a factor's values."""
     return f"{', '.join(FACTORS[name])}; empty: the arm's."
 
 
@@ -83,7 +83,7 @@ def up(
     try:
         start_page(plan, attempt, watch_only=protocol == "mavlink")
         typer.echo(f"the page: {page_url(plan.page or PORT)}")
-    except TestbedError as error:  # the fleet is up, and can be flown from the terminal
+    except TestbedError as error:  # the fleet is up and can be flown from the terminal
         typer.echo(f"testbed: {error}", err=True)
     typer.echo(by_hand(plan, protocol, containers.name_of))
 

@@ -1,4 +1,4 @@
-"""The command: frames as a table, dissected, and by kind of message."""
+"""The command `testbed packets`: frames as a table, dissected, and by kind of message."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def packets(
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=160)
-    # Scapy, which this loads, reads all links and routes of the machine: nobody else waits for that.
+    # This loads scapy, which reads all interfaces of the machine: no other command should wait for that.
     from .frames import print_chosen
 
     for chosen in choose(find_attempts(run, RESULTS), choice):

@@ -1,4 +1,4 @@
-"""`testbed profiles`: which there are; `testbed profiles show NAME`: its links, and the kernel's exact commands."""
+"""`testbed profiles` lists the profiles; `testbed profiles show NAME` prints one's links and the kernel's commands."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def show(
 
 
 def script_of(commands: Commands) -> list[str]:
-    """The commands, one a line; before those of later times a comment with the seconds since the beginning."""
+    """The commands, one per line; those at later times follow a comment with the seconds since the start."""
     if not commands.begin:
         return []
     lines = [" ".join(words) for words in commands.begin]
@@ -87,7 +87,7 @@ def script_of(commands: Commands) -> list[str]:
 
 
 def table_of(plan: LinksPlan) -> Table:
-    """Every directed link with its figures; links of one class that are alike share a row."""
+    """Every directed link with its figures; links of a class with the same figures share a row."""
     table = Table(*COLUMNS, box=None, pad_edge=False, header_style="bold")
     rows: dict[tuple[str, ...], list[str]] = {}
     for name, link in plan.links.items():
@@ -100,7 +100,7 @@ def table_of(plan: LinksPlan) -> Table:
 
 
 def _run_of(nodes: list[str]) -> str:
-    """`uav1-6` for neighbours of one name."""
+    """Nodes with consecutive numbers as `uav1-6`, others as a list."""
     numbers = [re.fullmatch(r"([a-z]+)([0-9]+)", node) for node in nodes]
     found = [match for match in numbers if match is not None]
     stems = {match[1] for match in found}
@@ -129,7 +129,7 @@ def _cells(link: LinkPlan) -> tuple[str, ...]:
 
 
 def table_of_events(plan: LinksPlan) -> Table:
-    """The events of the plan in order of time."""
+    """The events of the plan, sorted by time."""
     table = Table("at", "link", "for", "change", box=None, pad_edge=False, header_style="bold")
     for event in plan.events:
         said = ", ".join("closed" if key == "closed" else f"{key} {value}" for key, value in event.change.items())
@@ -138,7 +138,7 @@ def table_of_events(plan: LinksPlan) -> Table:
 
 
 def sources_of(profile: Profile, plan: LinksPlan) -> list[str]:
-    """Every figure that is in force, once: where it stands, its value, where it comes from."""
+    """Every figure in force, once: its file and field, its value, and its source."""
     lines: dict[str, None] = {}
     for figures in plan.figures.values():
         for figure in figures.values():

@@ -1,4 +1,4 @@
-"""The command: fly the headline table, and say whether its findings were found again."""
+"""The command `testbed reproduce`: flies the headline table and judges whether its findings are reproduced."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _fly(headline: Headline, root: Path, console: Console, again: str) -> None:
 
 
 def _judged(headline: Headline, root: Path) -> list[Flown]:
-    """Each cell by its newest measured series. Raises ResultsError where there is none."""
+    """Judge each cell by its newest measured series. Raises ResultsError if a cell has none."""
     measured = {(one.experiment, one.arm, one.profile): one for one in find_cells([root]).cells}
     found = []
     for cell in headline.cells:

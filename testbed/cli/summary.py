@@ -1,4 +1,4 @@
-"""The command: the summary's page, or its tables in a document."""
+"""The command `testbed summary`: the summary's page, or its tables in a document."""
 
 from __future__ import annotations
 

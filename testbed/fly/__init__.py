@@ -1,1 +1,1 @@
-"""Flies what is planned, in containers, and writes down what happened: a results folder."""
+"""Flies plans in containers and records the flights in a results folder."""

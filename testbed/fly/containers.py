@@ -1,4 +1,4 @@
-"""The module that calls Docker: brings the fleet up, runs commands in it, watches it, takes it down."""
+"""The module that calls Docker: starts the fleet, runs commands in it, watches it, and removes it."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from .daemon import Usage, is_healthy, real_time_us, usage_of
 from .images import autopilot_in_image
 
 HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE = 180.0, 30.0
-"""Six real autopilots need 90 s on a busy machine of two cores, until GPS and estimator agree."""
+"""Six real autopilots need 90 s on a busy machine with two cores until GPS and estimator agree."""
 POLL_S = 0.5
 ANSWER_S = 20
-"""Within which another machine's Docker answers."""
+"""Time limit for an answer of another machine's Docker."""
 HEALTH_INTERVAL = "24h"
-"""Docker's own looks take cores from the flight every few seconds; who starts containers looks here (`is_healthy`)."""
+"""Docker's own health checks would take CPU from the flight every few seconds; `start` checks by `is_healthy`."""
 LOG_LINES = 12
 SERVICE_LABEL = "com.docker.compose.service"
 PROJECT_LABEL = "com.docker.compose.project"
 NO_ANSWER = (DockerException, RequestException, LookupError, TypeError, ValueError)
-"""What comes of a Docker that refuses, is silent, breaks off, or answers what is no answer."""
+"""The errors of a Docker that refuses, does not answer, breaks off, or answers nonsense."""
 OURS: dict[str, str | list[str] | bool] = {"label": f"{PROJECT_LABEL}={PROJECT}"}
 NODE_USER = "1000:1000"
 
 
 class Containers:
-    """The containers of one compose profile, and of those that its settings name beside it, for one run."""
+    """The containers of one compose profile, and of the profiles that its settings add, for one run."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class Containers:
         daemon: str | None = None,
         files: Sequence[Path] = (),
     ) -> None:
-        """`daemon` is the address of another machine's Docker, `files` what compose takes in place of the fleet's."""
+        """`daemon` is the address of another machine's Docker; `files` are used in place of the fleet's compose files."""
         self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
         self._files = list(files) or compose_files(settings, fleet, run_dir)
         self._timeout_s = max(HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE * len(fleet.fog_of))
@@ -75,13 +75,13 @@ class Containers:
         }
 
     def up(self, *services: str) -> None:
-        """Start these services, or all that do not run yet. Raises FleetError with what compose says."""
+        """Start these services, or all that do not run yet. Raises FleetError with compose's reason."""
         self._compose("up", "--detach", "--no-build", "--no-recreate", *services)
 
     def start(self, *services: str) -> None:
         """Start these services, or all that do not run yet, and wait until all are healthy.
 
-        Raises FleetError naming what is not, and why.
+        Raises FleetError that names a service that is not, and why.
         """
         self.up(*services)
         deadline = time.monotonic() + self._timeout_s
@@ -94,12 +94,12 @@ class Containers:
 
     @property
     def count(self) -> int:
-        """How many containers the profile has."""
+        """The number of containers that the profiles have."""
         return len({name for path in self._files for name in services_of(self._profiles, path)})
 
     def check_alive(self) -> None:
-        """Raises ContainerDied for a container that has ended."""
-        with _answered():  # one request: the client's own list asks after each container, once more a second in flight
+        """Raise ContainerDied if a container has ended."""
+        with _answered():  # one request; the client's own list makes one more per container, every second in flight
             found = self._client.api.containers(all=True, filters=OURS)
         for one in found:
             if one["State"] in ("exited", "dead"):
@@ -112,8 +112,8 @@ class Containers:
     ) -> Generator[str, None, int]:
         """Run a command in a service; yields its lines, returns its exit code.
 
-        Raises ContainerDied when any container of the fleet ends meanwhile, FleetError when the command does not end
-        within `limit_s`; it goes on then, until its container ends.
+        Raises ContainerDied if any container of the fleet ends meanwhile, and FleetError if the command does not end
+        within `limit_s`; it then runs on until its container ends.
         """
         container = self._service(service)
         api = self._client.api
@@ -125,7 +125,7 @@ class Containers:
         while True:
             if time.monotonic() - started_s >= limit_s:
                 raise FleetError(f"{service}: {command[0]} did not end within {limit_s:g} s")
-            if time.monotonic() - looked_s >= alive_every_s:  # however often the command speaks
+            if time.monotonic() - looked_s >= alive_every_s:  # however often the command prints a line
                 self.check_alive()
                 looked_s = time.monotonic()
             try:
@@ -141,22 +141,22 @@ class Containers:
             yield line
 
     def output(self, service: str, command: list[str], user: str = NODE_USER) -> str:
-        """What a short command prints in a service."""
+        """Run a short command in a service and return what it prints."""
         result = self._service(service).exec_run(command, user=user)
         return str(result.output.decode(errors="replace"))
 
     def name_of(self, service: str) -> str:
-        """The name of a service's container, as one types it."""
+        """The name of a service's container, as typed in docker commands."""
         return str(self._service(service).name)
 
     def save_logs(self, folder: Path) -> None:
-        """Every container's log into `folder`."""
+        """Save every container's log in `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         for container in self._all():
             (folder / f"{container.labels[SERVICE_LABEL]}.log").write_bytes(container.logs(timestamps=True))
 
     def last_words(self, service: str) -> str | None:
-        """The last line that a service logged before it ended; None while it runs, or when it logged nothing."""
+        """The last line that a service logged before it ended; None if it still runs or logged nothing."""
         container = self._service(service)
         if container.status not in ("exited", "dead"):
             return None
@@ -174,21 +174,21 @@ class Containers:
         self._compose("down", "--timeout", "3", "--volumes", "--remove-orphans")
         with _answered():
             for network in self._client.networks.list(filters=OURS):
-                network.remove()  # compose leaves those that this fleet does not have
+                network.remove()  # compose does not remove networks that this fleet does not have
 
     def images(self) -> dict[str, str]:
         """Image ids by name."""
         return {tag: container.image.id for container in self._all() for tag in container.image.tags}
 
     def usage(self) -> dict[str, Usage]:
-        """What each service has used so far."""
+        """The resources that each service has used so far."""
         running = [container for container in self._all() if container.status == "running"]
-        with ThreadPoolExecutor(len(running) or 1) as pool:  # the daemon takes a second for each
+        with ThreadPoolExecutor(len(running) or 1) as pool:  # the daemon takes a second per container
             used = list(pool.map(lambda container: usage_of(container.stats(stream=False, one_shot=True)), running))
         return {container.labels[SERVICE_LABEL]: each for container, each in zip(running, used, strict=True)}
 
     def versions(self) -> dict[str, str]:
-        """Versions of what runs the containers."""
+        """The versions of Docker, compose and the kernel."""
         info = self._client.version()
         asked = [*compose_command(), "version", "--short"]
         compose = subprocess.run(asked, capture_output=True, text=True, check=False)
@@ -205,7 +205,7 @@ class Containers:
         raise DockerError(f"no container of service {service} runs")
 
     def _unhealthy(self, healthy: set[str]) -> list[Any]:
-        """Those that are not healthy yet, by the ids of those that are, to which it adds."""
+        """The containers that are not healthy yet; adds the ids of those that have become so to `healthy`."""
         found = self._all()
         if not found:
             raise DockerError("compose started no container")
@@ -220,7 +220,7 @@ class Containers:
         return f"{container.labels[SERVICE_LABEL]} {what}; its last log lines:\n    {said}"
 
     def _compose(self, *words: str) -> None:
-        # Another profile's fleet may have been left.
+        # Another profile's fleet may have been left running.
         profiles = (*PROTOCOLS, *SENSOR_PROFILES) if words[0] == "down" else self._profiles
         options = ["--project-name", PROJECT]
         options += [word for path in self._files for word in ("--file", str(path))]
@@ -243,7 +243,7 @@ class Containers:
 
 @contextlib.contextmanager
 def _answered() -> Iterator[None]:
-    """Raises DockerError where Docker does not answer."""
+    """Raise DockerError if Docker does not answer."""
     try:
         yield
     except (APIError, RequestException) as error:
@@ -251,7 +251,7 @@ def _answered() -> Iterator[None]:
 
 
 def connect_docker(address: str | None = None) -> docker.DockerClient:
-    """This machine's, or the one at an address. Raises DockerError where it does not answer."""
+    """Connect to this machine's Docker, or to that at an address. Raises DockerError if it does not answer."""
     try:
         client = docker.from_env() if address is None else docker.DockerClient(address, timeout=ANSWER_S)
         client.ping()
@@ -262,9 +262,9 @@ def connect_docker(address: str | None = None) -> docker.DockerClient:
 
 
 def start_network(containers: Containers, nodes: Sequence[str]) -> None:
-    """Start the network and its nodes, and nothing on them.
+    """Start the network and its nodes, without programs on the nodes.
 
-    Raises TestbedError where the links cannot be shaped: nothing could be flown then.
+    Raises TestbedError if the links cannot be shaped, so that nothing can be flown.
     """
     try:
         containers.start("net", *nodes)
@@ -276,15 +276,15 @@ def start_network(containers: Containers, nodes: Sequence[str]) -> None:
 
 
 def services_of(profiles: tuple[str, ...], path: Path = COMPOSE_FILE) -> list[str]:
-    """The services that profiles start. Raises UserError for a file that is no compose file."""
+    """The services that profiles start. Raises UserError if the file is no compose file."""
     services = read_services(path).items()
     return [name for name, service in services if set(profiles) & set(service.get("profiles", profiles))]
 
 
 def _run(command: Sequence[str], environment: Mapping[str, str], limit_s: float | None) -> tuple[int, str]:
-    """Exit code and stderr of a command.
+    """Run a command; returns its exit code and stderr.
 
-    Raises subprocess.TimeoutExpired. Whatever is raised, nothing that the command has started goes on.
+    Raises subprocess.TimeoutExpired. On any error all processes that the command started are killed.
     """
     process = subprocess.Popen(
         command,
@@ -293,7 +293,7 @@ def _run(command: Sequence[str], environment: Mapping[str, str], limit_s: float 
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         errors="replace",
-        start_new_session=True,  # a second Ctrl-C does not reach what takes the fleet down
+        start_new_session=True,  # so that a second Ctrl-C does not reach the command that removes the fleet
     )
     with process:
         try:
@@ -306,7 +306,7 @@ def _run(command: Sequence[str], environment: Mapping[str, str], limit_s: float 
 
 
 def compose_command() -> list[str]:
-    """`docker compose` where it is installed, else docker-compose; raises DockerError without either."""
+    """`docker compose` if installed, else docker-compose. Raises DockerError without either."""
     probe = ["docker", "compose", "version"]
     if shutil.which("docker") and subprocess.run(probe, capture_output=True, check=False).returncode == 0:
         return ["docker", "compose"]
@@ -316,7 +316,7 @@ def compose_command() -> list[str]:
 
 
 def _read_lines(chunks: Iterator[bytes], lines: Queue[str | None]) -> None:
-    """Cut a stream into lines; None at its end, also when it breaks."""
+    """Split a stream into lines; puts None at its end, also if it breaks."""
     rest = b""
     try:
         for chunk in chunks:

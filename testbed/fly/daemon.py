@@ -1,4 +1,4 @@
-"""What Docker's daemon reports of a container, and gives to it."""
+"""What Docker's daemon reports of a container, and grants to it."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from typing import Any
 from docker.errors import APIError
 
 REAL_TIME = Path("/sys/fs/cgroup/cpu/docker/cpu.rt_runtime_us")
-"""What a kernel with CONFIG_RT_GROUP_SCHED (cgroup v1) gives all of Docker's containers."""
+"""The real-time share of all of Docker's containers, on a kernel with CONFIG_RT_GROUP_SCHED (cgroup v1)."""
 
 
 def real_time_us(given: Path = REAL_TIME) -> int:
-    """What of every second the link emulator may use in real time, in microseconds.
+    """How many microseconds of every second the link emulator may run in real time.
 
-    0 where the daemon's containers have none of their own, or need none: then CAP_SYS_NICE alone is enough.
+    0 if the daemon's containers have no such share, or need none because CAP_SYS_NICE alone is enough.
     """
     return int(given.read_text()) if given.is_file() else 0
 
 
 @dataclass(frozen=True)
 class Usage:
-    """What a service has used: CPU seconds, and bytes of memory at the time of asking (None: unknown to the daemon)."""
+    """What a service has used: CPU seconds so far, and bytes of memory now (None: unknown to the daemon)."""
 
     cpu_s: float
     memory_bytes: int | None
 
 
 def is_healthy(container: Any) -> bool:
-    """Whether a container is healthy, or has nothing that says so.
+    """Whether a container is healthy, or has no health check.
 
-    Docker first looks after a whole interval, which is seconds; until then its test is run here.
+    Docker first checks after a whole interval, which is long; until then its test is run here.
     """
     status = container.attrs["State"].get("Health", {}).get("Status")
     if status != "starting" or container.status != "running":
@@ -44,7 +44,7 @@ def is_healthy(container: Any) -> bool:
 
 
 def usage_of(stats: dict[str, Any]) -> Usage:
-    """Out of the daemon's stats; memory is what `docker stats` shows: without file pages that can be had back."""
+    """Usage by the daemon's stats; memory as in `docker stats`, that is without reclaimable file pages."""
     memory = stats.get("memory_stats", {})
     reclaimable = memory.get("stats", {})
     spare = reclaimable.get("total_inactive_file", reclaimable.get("inactive_file", 0))  # cgroup 1, 2

@@ -1,9 +1,9 @@
-"""Whether an autopilot's own flight log (ULog) bears out what was written down beside it.
+"""Compares an autopilot's own flight log (ULog) with the events that a witness recorded.
 
-A witness's events have the host's time, a log has the autopilot's, counted from its boot; in a simulation on a busy
-machine that is no steady clock. The witness writes down what SYSTEM_TIME shows of it as it comes (event `clock`, five
-times a second), and between two of these the log's times are interpolated. How far off that may be is measured: by how
-much each such point differs from what its two neighbours say.
+A witness's events have the host's time, a log has the autopilot's since its boot, which is no steady clock in a
+simulation on a busy machine. The witness records this clock from each SYSTEM_TIME (event `clock`, five per second), and
+a log's times are interpolated between these points. The uncertainty is measured: it is the largest difference of a
+point from the interpolation between its two neighbours.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from ..errors import ResultsError
 from .results import Attempt
 
 TOLERANCE_MS = 250.0
-"""By how much an event may differ from the log, beside what the times themselves are uncertain by: EXTENDED_SYS_STATE
-comes every 50 ms, and a busy machine adds to that.
+"""By how much an event may differ from the log, in addition to the uncertainty of the times: EXTENDED_SYS_STATE is
+sent every 50 ms, and a busy machine adds to that.
 """
 TOLERANCE_M = 0.5
 HOME_S = 0.5
-"""How long after PX4 moved its home a height may still be above the one before."""
+"""How long after PX4 moved its home a height may still be relative to the previous one."""
 LEAST_SPEED = 0.95
-"""Slower than this against the host's clock, and the drone flew through another time than the network.
+"""The least speed of the autopilot's clock against the host's. If slower, the drone's time was not the network's.
 
 At 0.91 PX4s missed their own sensors, and went into failsafes.
 """
 SILENT_S = 2.0
-"""The simulated barometer is in a log five times a second. One that is silent for so long is of a simulation that
-stands still: a PX4 whose thread of timers sleeps on (`sitl.real.px4.BATCH`).
+"""The longest gap of the simulated barometer, which is logged five times per second. With a longer one the simulation
+stood still: a PX4 whose timer thread kept sleeping (`sitl.real.px4.BATCH`).
 """
 ARMED = 2
 """vehicle_status.arming_state of an armed PX4."""
@@ -48,7 +48,7 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Change:
-    """One event: when it was after the drone's first arming, and how much later than the log has it."""
+    """One event: seconds since the drone's first arming, and how much later it is than in the log."""
 
     event: str
     at_s: float
@@ -57,10 +57,11 @@ class Change:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What one drone's events and its log have to say about each other.
+    """The comparison of one drone's events with its log.
 
-    `clock_ms` is how uncertain the log's times are in the host's, `speed` how fast the autopilot's clock ran against
-    it, `height_m` by how much a reported height differs from the log's at most (None: none was reported).
+    `clock_ms` is the uncertainty of the log's times in the host's time, `speed` the speed of the autopilot's clock
+    against the host's, `height_m` the largest difference of a reported height from the log's (None: none was
+    reported). `off` says why the log does not confirm the flight; None if it does.
     """
 
     version: str
@@ -71,18 +72,18 @@ class Comparison:
     off: str | None
 
     def to_data(self) -> dict[str, Any]:
-        """As metrics.json has it."""
+        """The entry in metrics.json."""
         return {**asdict(self), "changes": [asdict(change) for change in self.changes]}
 
 
 def compare_flights(attempt: Attempt) -> dict[str, Comparison]:
-    """Every drone that has a log, by its node. Raises ResultsError for a log or events that cannot be compared."""
+    """Compare every drone that has a log; by node. Raises ResultsError for a log or events that cannot be compared."""
     events = attempt.autopilot_events()
     return {node: compare(path, events.get(node, [])) for node, path in _logs(attempt).items()}
 
 
 def _logs(attempt: Attempt) -> dict[str, Path]:
-    """The newest flight log of every PX4, by its node. ArduPilot's logs (DataFlash) are kept, and not compared."""
+    """The newest flight log of every PX4, by node. ArduPilot's logs (DataFlash) are kept but not compared."""
     folders = [path for path in sorted((attempt.path / "sitl").glob("*.log")) if not any(path.glob("*.BIN"))]
     return {folder.stem: _newest_log(folder) for folder in folders}
 
@@ -95,12 +96,12 @@ def _newest_log(folder: Path) -> Path:
 
 
 def against(attempt: Attempt) -> str | None:
-    """What flight logs say against the events, of the first drone of which one does. Raises as `compare_flights`."""
+    """The first drone's `off`, with its node; None if all logs confirm their flights. Raises as `compare_flights`."""
     return next((f"{node}: {one.off}" for node, one in compare_flights(attempt).items() if one.off is not None), None)
 
 
 def simulation_reason(attempt: Attempt) -> str | None:
-    """Whether a flight failed by its simulation: a clock too slow, or sensors that stood still. The rest may be off."""
+    """Why a flight may have failed by its simulation: a slow clock, or sensors that stood still. Else None."""
     for node, events in attempt.autopilot_events().items():
         armed_ns = next((event["t_ns"] for event in events if event["event"] == "armed"), None)
         points = [e for e in events if e["event"] == "clock" and armed_ns is not None and e["t_ns"] >= armed_ns]
@@ -114,7 +115,7 @@ def simulation_reason(attempt: Attempt) -> str | None:
 
 
 def compare(path: Path, events: Sequence[dict[str, Any]]) -> Comparison:
-    """One log and the events of its drone. Raises ResultsError."""
+    """Compare one log with the events of its drone. Raises ResultsError if that is not possible."""
     log = _read(path)
     logged = _changes(log, path)
     if silent := _silent(log, path):
@@ -163,7 +164,7 @@ def _too_slow(speed: float) -> str | None:
 
 
 def _silent(log: ULog, path: Path) -> str | None:
-    """Whether the simulated barometer was silent for too long, from the first arming to the last disarming."""
+    """A line if the simulated barometer had too long a gap between first arming and last disarming; else None."""
     arming = [(name, us) for name, us in _changes(log, path) if name in ("armed", "disarmed")]
     if not arming:
         return None
@@ -195,7 +196,7 @@ def _topic(log: ULog, name: str, path: Path) -> dict[str, Any]:
 
 
 def _changes(log: ULog, path: Path) -> list[tuple[str, int]]:
-    """Armings, takeoffs, landings and disarmings with the autopilot's time in us, from the first arming on."""
+    """Armings, takeoffs, landings and disarmings since the first arming, with the autopilot's time in us."""
     status, land = _topic(log, "vehicle_status", path), _topic(log, "vehicle_land_detected", path)
     found = _turns(status["timestamp"], status["arming_state"] == ARMED, "armed", "disarmed")
     found += _turns(land["timestamp"], land["landed"] == 0, "took_off", "landed")
@@ -210,7 +211,7 @@ def _turns(times_us: Any, states: Any, on: str, off: str) -> list[tuple[str, int
 
 
 def _clock(points: Sequence[tuple[int, int]], zero_ns: int, path: Path) -> tuple[Values, Values]:
-    """The autopilot's seconds since its boot, and the host's since `zero_ns`, of each point."""
+    """Of each point the autopilot's seconds since its boot, and the host's since `zero_ns`."""
     if len(points) < 3:
         raise ResultsError(f"{path}: only {len(points)} clock events beside it; expected five a second")
     boot, host = zip(*points, strict=True)
@@ -218,7 +219,7 @@ def _clock(points: Sequence[tuple[int, int]], zero_ns: int, path: Path) -> tuple
 
 
 def _steadiness(boot_s: Values, host_s: Values, path: Path) -> tuple[float, float]:
-    """By how many ms a point differs from what its neighbours say at most, and the clock's speed."""
+    """The largest difference of a point from its neighbours' interpolation, in ms, and the clock's speed."""
     if len(boot_s) < 3:
         raise ResultsError(f"{path}: no clock events in the flight; expected five a second")
     share = (boot_s[1:-1] - boot_s[:-2]) / np.maximum(boot_s[2:] - boot_s[:-2], 1e-9)
@@ -227,9 +228,8 @@ def _steadiness(boot_s: Values, host_s: Values, path: Path) -> tuple[float, floa
 
 
 def _height_m(log: ULog, events: Sequence[dict[str, Any]], first_s: float, last_s: float) -> float | None:
-    """By how much reported heights above home differ at most from the log's, at the autopilot's own times.
-
-    PX4 moves its home: for a moment reported heights are above the one before.
+    """The largest difference of reported heights above home from the log's, at the autopilot's own times; None if none
+    was reported. After PX4 has moved its home, reported heights are for a moment relative to the previous one.
     """
     topics = {one.name: one.data for one in log.data_list}
     if not {"vehicle_global_position", "home_position"} <= set(topics):

@@ -13,7 +13,7 @@ LIMIT_S = 120.0
 
 
 def make_identities(containers: Containers, plan: Plan) -> None:
-    """Raises FleetError with what `mqttxt keys` said where one cannot be made."""
+    """Make the identities of a plan's fleet. Raises FleetError with the output of `mqttxt keys` if one fails."""
     made = making(plan.fleet, sensors=plan.has_sensors, page=plan.page is not None)
     commands = " && ".join(shlex.join(command) for command in made)
     lines = containers.execute("gs", ["sh", "-c", f"{{ {commands}; }} 2>&1"], limit_s=LIMIT_S)

@@ -1,4 +1,4 @@
-"""Real autopilots that come in an image: what of it is needed, copied out of it once."""
+"""Real autopilots from Docker images: copies the needed folder out of an image, once."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..plan.autopilots import DIR, IMAGE, KINDS
 from ..plan.documents import ROOT
 
 COPIES = ROOT / ".cache" / "autopilots"
-"""What was copied, by the images' ids."""
+"""The copies, by the images' ids."""
 
 
 def autopilot_in_image(client: Any, settings: Mapping[str, str]) -> dict[str, str]:
-    """The folder of the autopilot that settings name by an image; nothing where they name none.
+    """The setting for the folder of an autopilot that settings name by an image; empty if they name none.
 
-    Raises DockerError where the image cannot be had, UserError where it has no such autopilot for this machine.
+    Raises DockerError if the image is not available, UserError if it has no such autopilot for this machine.
     """
     name = settings.get(IMAGE)
     if name is None:
@@ -49,7 +49,7 @@ def _image(client: Any, name: str) -> Any:
 
 
 def _copy_out(client: Any, image: Any, path: str, copy: Path) -> None:
-    """Copy a folder of an image; the copy is there as a whole or not at all."""
+    """Copy a folder of an image, completely or not at all."""
     fresh = copy.with_suffix(".new")
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)

@@ -1,7 +1,7 @@
-"""`testbed links`: are the links of every profile as they say? Network and nodes only; nothing flies.
+"""`testbed links`: checks that the links of every profile are as configured. Network and nodes only; nothing flies.
 
-For each profile: the containers start, the links are calibrated as before a run, those that lose frames are sent enough
-for their loss to be seen, the containers end, and the shaper's counters have what was lost.
+For each profile the containers start and the links are calibrated as before a run. Links with random loss get enough
+frames to measure it. The containers end, and the loss is read from the shaper's counters.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DOCUMENT = "links.json"
 
 @dataclass(frozen=True)
 class Checked:
-    """What was measured of one profile's links."""
+    """The measurements of one profile's links."""
 
     plan: LinksPlan
     shaper: dict[str, Any]
@@ -50,12 +50,12 @@ class Checked:
 
     @property
     def off(self) -> tuple[str, ...]:
-        """A line for each figure that is not as configured, and for a shaper that did not keep up."""
+        """A line for each figure that is not as configured, and one if the shaper did not keep up."""
         lost = tuple(loss.off for loss in self.losses if loss.off is not None)
         return (*self.calibration.off, *lost, *((self.void,) if self.void is not None else ()))
 
     def to_data(self) -> dict[str, Any]:
-        """As links.json has it: calibration.json with each link's loss, the shaper and all that is off."""
+        """The entry in links.json: calibration.json with each link's loss, the shaper and all that is off."""
         data = self.calibration.to_data()
         for loss in self.losses:
             data["links"][loss.link]["loss"] = loss.to_data()
@@ -70,10 +70,10 @@ def check_profiles(
     console: Console,
     make_containers: Callable[..., Containers] = Containers,
 ) -> bool:
-    """Check a fleet's links in the profiles of a list, empty: all; print what is configured beside what is measured.
+    """Check a fleet's links on a list of profiles (empty: all); prints configured and measured figures in a table.
 
-    Returns whether all hold. Raises UserError for a profile that there is not, DockerError where the containers cannot
-    be had.
+    Returns whether all figures hold. Raises UserError for an unknown profile, DockerError if the containers cannot be
+    started.
     """
     topology = fleet.topology()
     wanted = [name.strip() for name in names.split(",") if name.strip()] or profile_names()
@@ -113,7 +113,7 @@ def _check(
 
 @contextmanager
 def _network(containers: Containers, nodes: Sequence[str], what: str, progress: ConsoleProgress) -> Iterator[RunInNode]:
-    """Network and nodes for as long as this lasts. Raises TestbedError where the links cannot be shaped."""
+    """Run network and nodes as long as the context lasts. Raises TestbedError if the links cannot be shaped."""
     try:
         with progress.phase(what):
             containers.down()
@@ -147,7 +147,7 @@ def _document(found: Sequence[Checked]) -> dict[str, Any]:
 
 
 def _new_folder(results: Path) -> Path:
-    """results/links/<utc>, and `latest` pointing to it. Raises OSError."""
+    """Make results/links/<utc>, and point `latest` to it. Raises OSError."""
     folder = results / EXPERIMENT / datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     folder.mkdir(parents=True)
     point(folder.parent / "latest", folder)

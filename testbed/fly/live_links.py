@@ -1,4 +1,4 @@
-"""Links of a fleet that is up, changed by hand: what was typed -> what `net` gets for each direction."""
+"""Changes of a running fleet's links by hand: turns the typed options into a change for `net` per direction."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Ask = Callable[[list[str]], str]
 
 @dataclass(frozen=True)
 class Change:
-    """What one direction of a link does from now on, in the plan's fields; None: as planned again."""
+    """The figures of one direction of a link from now on, in the plan's fields; None: as planned again."""
 
     link: str
     change: Mapping[str, Any] | None
@@ -31,13 +31,13 @@ class Change:
 
     @property
     def command(self) -> list[str]:
-        """What is typed in `net`."""
+        """The command to run in `net`."""
         fields = [f"{name}={json.dumps(value)}" for name, value in (self.change or {}).items()]
         return ["net", "change", self.link, *fields, "--kernel", json.dumps(self.kernel)]
 
 
 def read_live_plan(ask: Ask) -> LinksPlan:
-    """The links as the fleet that is up was started with them. Raises DockerError where they cannot be read."""
+    """Read the plan of the links with which the running fleet was started. Raises DockerError if it cannot be read."""
     said = ask(["cat", PLAN_FILE])
     try:
         data = json.loads(said)["plan"]
@@ -50,10 +50,10 @@ def read_live_plan(ask: Ask) -> LinksPlan:
 def changes(
     plan: LinksPlan, topology: Topology, link: str, typed: Mapping[str, str], *, closed: bool, back: bool
 ) -> list[Change]:
-    """The changes that `testbed link` asks for, one for each direction that is meant.
+    """The changes that `testbed link` asks for, one for each direction that `link` names.
 
-    `typed` has the options that were given, by their names in a profile. Figures that are not named are as planned,
-    whatever was changed by hand before. Raises UserError naming the option, its value and what was expected.
+    `typed` has the given options, by their names in a profile. Other figures are as planned, whatever was changed by
+    hand before. Raises UserError that names the option, its value and what was expected.
     """
     names = [name for name in plan.links if name == link or name.rpartition(":")[0] == link]
     if not names:
@@ -81,7 +81,7 @@ def changes(
 
 
 def tell(ask: Ask, wanted: Change) -> None:
-    """Have `net` do it. Raises DockerError with what it says against it."""
+    """Have `net` apply a change. Raises DockerError with its reason if it refuses."""
     said = ask(wanted.command).strip()
     try:
         answer = json.loads(said)

@@ -1,4 +1,4 @@
-"""The manifest: under which conditions an attempt was flown, written at run time."""
+"""The manifest: the conditions under which an attempt was flown, written at run time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SITL_SEED = 1
 
 
 def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: LinksPlan) -> dict[str, Any]:
-    """What is known before the containers start."""
+    """The entries of the manifest that are known before the containers start."""
     return {
         "version": MANIFEST_VERSION,
         "experiment": plan.experiment,
@@ -44,7 +44,7 @@ def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: Link
             **{"sitl": SITL_SEED, "links": links.seed},
             **({"order": plan.order_seed} if plan.order_seed is not None else {}),
         },
-        "shaper": "none",  # until `net` says what shapes the links
+        "shaper": "none",  # until `net` reports the shaper
         "host": {
             "name": machine_name(),
             "kernel": platform.release(),
@@ -62,7 +62,7 @@ def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: Link
 
 
 def machine_name() -> str:
-    """What this machine is called in results: MACHINE, or its host name."""
+    """This machine's name in results: MACHINE, or its host name."""
     return os.environ.get("MACHINE") or platform.node()
 
 
@@ -79,7 +79,7 @@ def configuration_of(plan: Plan, settings: dict[str, str]) -> dict[str, Any]:
 
 
 def revision() -> dict[str, Any]:
-    """The git revision, and whether the tree has changes that are not committed; None outside a repository."""
+    """The git revision, and whether the tree has uncommitted changes; both None outside a repository."""
     try:
         found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
         changed = subprocess.run(["git", "status", "--porcelain"], cwd=ROOT, capture_output=True, text=True, check=True)
@@ -89,7 +89,7 @@ def revision() -> dict[str, Any]:
 
 
 def mavp2p_version(module: Path = ROUTER_MODULE) -> str | None:
-    """The version that the router's go.mod requires: a built mavp2p does not know its own."""
+    """The version that the router's go.mod requires, since a built mavp2p does not report its own."""
     try:
         text = module.read_text(encoding="utf-8")
     except OSError:
@@ -105,7 +105,7 @@ def mosquitto_version(help_text: str) -> str | None:
 
 
 def _versions(plan: Plan, protocol: str) -> dict[str, str | None]:
-    """What is pinned of what carries a protocol; the broker is asked when it runs."""
+    """The pinned versions of the programs that carry a protocol; a running broker is asked for its own later."""
     found = {name: _pinned(name) for name in NODE_PACKAGES[protocol]} | {"scapy": version("scapy")}
     routed = protocol == "mavlink" and plan.factors.chain != "direct"
     return found | {"mavp2p": mavp2p_version()} if routed else found

@@ -1,7 +1,7 @@
-"""What a flight's folder says of whether the attempt counts: captures, events, links and flight logs as observations.
+"""Observations of a flight's folder that decide whether the attempt counts: captures, events, links and flight logs.
 
-The run observes once its containers have ended; for a series of an older run, its reader does. What follows from the
-observations is decided in `validity`.
+The run makes them once its containers have ended; for a series of an older run, its reader does. `validity` judges
+them.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from .results import LINKS, LINKS_COUNTERS, Attempt, read_json
 from .validity import FAILED, VOID, Observed, Verdict, judge, written
 
 _STEP_BACK_NS = 50_000_000
-"""A clock that goes back by more was set; less is the order in which a kernel hands frames or a program lines over."""
+"""A clock that falls back by this much was set. Smaller steps come from the order in which a kernel delivers frames,
+or a program lines."""
 
 Found = TypeVar("Found")
 
 
 def verdict_of(attempt: Attempt, manifest: Mapping[str, Any]) -> Verdict:
-    """The verdict that the run wrote into the manifest; of a run that wrote no observations, one made now."""
+    """The verdict that the run wrote into the manifest; for a run that wrote no observations, one made now."""
     verdict = written(manifest)
     if "observed" in manifest or verdict.status == VOID:
         return verdict
-    if verdict.status == FAILED:  # its run had looked at its flights, by the rules of its time
+    if verdict.status == FAILED:  # its run judged its flights, by the rules of its time
         return judge(Observed(verdict.reason, off_links=_shapers_word(attempt)))
     return judge(observe(attempt, manifest, None))
 
@@ -40,10 +41,10 @@ def observe(
     failure: str | None,
     off_links: Callable[[], tuple[str, ...]] | None = None,
 ) -> Observed:
-    """What a flight left behind whose containers have ended.
+    """Observe a flight's folder after its containers have ended.
 
-    `failure` is why its mission was not completed. `off_links` reads how the links differed from their plan; without
-    it the shaper's own word stands for that.
+    `failure` is why its mission was not completed. `off_links` reads how the links differed from their plan; by default
+    the shaper's own report is read.
     """
     reader = _Reader(attempt)
     off = reader.read(off_links or (lambda: _shapers_word(attempt))) or ()
@@ -67,7 +68,8 @@ def observe(
 
 
 def uncaptured(attempt: Attempt, manifest: Mapping[str, Any]) -> tuple[str, ...]:
-    """The nodes without a capture: no file, or none that was ended well. Raises ResultsError."""
+    """The nodes without a capture: no file, or one that did not end properly. Raises ResultsError if the list of
+    captures cannot be read."""
     captured = {
         count["node"] for count in attempt.captures() if (attempt.path / "pcap" / f"{count['node']}.pcap").exists()
     }
@@ -75,14 +77,14 @@ def uncaptured(attempt: Attempt, manifest: Mapping[str, Any]) -> tuple[str, ...]
 
 
 class _Reader:
-    """Reads files, and collects those that cannot be read, named by their place in the series."""
+    """Reads files, and collects the errors of unreadable ones, with paths relative to the series."""
 
     def __init__(self, attempt: Attempt) -> None:
         self._series = f"{attempt.path.parent.parent}/"
         self.unreadable: dict[str, None] = {}
 
     def read(self, read: Callable[[], Found]) -> Found | None:
-        """What `read` returns; None where a file that it needs cannot be read."""
+        """Return the result of `read`; None if a file that it needs cannot be read."""
         try:
             return read()
         except ResultsError as error:
@@ -91,9 +93,9 @@ class _Reader:
 
 
 def _shapers_word(attempt: Attempt) -> tuple[str, ...]:
-    """Why the shaper did not keep up; empty when it did, where nothing shaped the links, and where it left no word.
+    """Why the shaper did not keep up; empty if it did, if nothing shaped the links, or if it left no counters.
 
-    An older run has judged its links itself when it flew.
+    An older run judged its links itself when it flew.
     """
     try:
         late = read_json(attempt.path / LINKS / LINKS_COUNTERS).get("void")
@@ -103,7 +105,7 @@ def _shapers_word(attempt: Attempt) -> tuple[str, ...]:
 
 
 def _flights(attempt: Attempt, failure: str | None) -> tuple[str, ...]:
-    """What the autopilots' records say against a flight; of a failed one only what its simulation can have caused."""
+    """What the autopilots' logs have against a flight; for a failed one only what its simulation can have caused."""
     found = flight_logs.against(attempt) if failure is None else flight_logs.simulation_reason(attempt)
     return () if found is None else (found,)
 
@@ -116,7 +118,8 @@ def _silent(events: Iterable[Mapping[str, Any]], logs: Mapping[str, Sequence[Map
 def _set_back(
     attempt: Attempt, events: Sequence[Mapping[str, Any]], logs: Mapping[str, Sequence[Mapping[str, Any]]]
 ) -> tuple[str, float] | None:
-    """The file in which times fall the furthest from one entry to the next, and by how many seconds."""
+    """The file with the largest step back in time between two entries, and the step in seconds; None if it is below
+    `_STEP_BACK_NS`."""
     steps_ns = {
         path.name: int(-np.diff(read_capture(path).t_ns).min(initial=0))
         for path in sorted((attempt.path / "pcap").glob("*.pcap"))

@@ -13,9 +13,9 @@ LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
 
 
 def only_run(*, wait: bool = False) -> None:
-    """Keep other runs out until this process ends: a fleet's addresses exist once.
+    """Lock out other runs until this process ends: a fleet's addresses exist once.
 
-    Raises DockerError naming a run that is going on; with `wait`, waits for its end instead.
+    Raises DockerError that names the run in progress; with `wait`, waits for its end instead.
     """
     handle = os.open(LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     try:

@@ -1,4 +1,4 @@
-"""The live page beside a flight: mqttxt's page, with what the links carry and how they are."""
+"""The live page during a flight: mqttxt's page, with the traffic and the figures of the links."""
 
 from __future__ import annotations
 
@@ -26,19 +26,21 @@ from .traffic import Carried, Traffic
 HOST = "127.0.0.1"
 TITLES = {"mqttxt": "MQTT-XT", "mavlink": "MAVLink"}
 QUEUE = "100 packets"
-"""Of a link that gets a rate where its profile has none."""
+"""The queue of a link that is given a rate by hand."""
 CONNECT_S = 5.0
-"""How long the page's beginning waits for fogs; it goes on trying, and over MAVLink there are none."""
+"""How long the page waits for fogs before it starts. It goes on connecting afterwards; over MAVLink there are none."""
 
 
 class PageLinks:
-    """The links of a fleet that is up, for its page (`mqttxt.page.links.Links`).
+    """The links of a running fleet, for its page (`mqttxt.page.links.Links`).
 
     Parameters:
-        protocol: what is flown.
-        folder: the run's.
-        fleet: what is up.
-        ask: runs a short command in `net`. Raises DockerError where the plan of the links cannot be read by it.
+        protocol: the protocol that is flown.
+        folder: the run's folder.
+        fleet: the running fleet.
+        ask: runs a short command in `net`.
+
+    Raises DockerError if the plan of the links cannot be read.
     """
 
     def __init__(self, protocol: str, folder: Path, fleet: Fleet, ask: Ask) -> None:
@@ -51,7 +53,7 @@ class PageLinks:
         self._by_hand: dict[str, dict[str, str]] = {}
 
     def look(self) -> list[LinkFigures]:
-        """Every directed link: what it carries, and its steady figures with what stands over them now."""
+        """Every directed link: its traffic, and its steady figures with the changes in force now."""
         traffic, over = self._traffic.look(), self._changed()
         found = []
         for name, planned in self._plan.links.items():
@@ -86,7 +88,7 @@ class PageLinks:
         self._by_hand[name] = typed
 
     def put_back(self, name: str) -> None:
-        """As its profile says."""
+        """Put a link back to its profile's figures."""
         self._tell(name, {}, back=True)
         self._by_hand.pop(name, None)
 
@@ -98,7 +100,7 @@ class PageLinks:
             raise ConfigurationError(str(error)) from error
 
     def _changed(self) -> dict[str, dict[str, Any]]:
-        """What stands over each link's steady figures: the newest change, by hand before all others."""
+        """The changes in force on each link: the newest one by hand, else the newest of each other cause."""
         newest: dict[str, dict[str, dict[str, Any]]] = {}
         for event in read_json_lines(self._events, frozenset({"t_ns"})):
             if "link" in event:
@@ -109,18 +111,18 @@ class PageLinks:
 async def serve_page(
     protocol: str, folder: Path, fleet: Fleet, asks: Callable[[str], Ask], security: str, port: int, watch_only: bool
 ) -> None:
-    """Serve the page of a fleet that is up, until cancelled; its station is at the cloud broker, beside all links.
+    """Serve the page of a running fleet until cancelled; its station is at the cloud broker and uses no links.
 
     Parameters:
-        protocol: what is flown.
-        folder: the run's.
-        fleet: what is up.
-        asks: by a service's name, what runs a short command there.
-        security: the factor: none, tls or signed.
-        port: where the page listens, on this machine alone.
-        watch_only: it takes no control.
+        protocol: the protocol that is flown.
+        folder: the run's folder.
+        fleet: the running fleet.
+        asks: returns, for a service's name, the function that runs a short command there.
+        security: the factor SECURITY: none, tls or signed.
+        port: the page's port, on the loopback interface only.
+        watch_only: whether the page takes no control.
 
-    Raises DockerError where the plan of the links cannot be read, and what `mqttxt.page.process.serve` raises.
+    Raises DockerError if the plan of the links cannot be read, and what `mqttxt.page.process.serve` raises.
     """
     secured = protocol == "mqttxt" and security != "none"
     links = PageLinks(protocol, folder, fleet, asks("net"))
@@ -137,7 +139,7 @@ async def serve_page(
 
 
 def copy_identity(ask: Ask, folder: Path) -> None:
-    """The page's identity from the volume in memory, for as long as the page runs."""
+    """Copy the page's identity from the in-memory volume into `folder`, for as long as the page runs."""
     for name in (KEY_FILE, CERTIFICATE_FILE, FLEET_FILE, REVOKED_FILE):
         path = folder / name
         path.touch(mode=0o600)

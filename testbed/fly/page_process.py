@@ -1,4 +1,4 @@
-"""The live page's process: started beside a fleet that is up, and ended with it."""
+"""The live page's process: started with a fleet, and ended with it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .results import Attempt
 PORT = 8080
 HOST = "127.0.0.1"
 LOG, PID = "logs/page.log", "page.pid"
-"""In the run's folder."""
+"""Files in the run's folder."""
 START_S, END_S, POLL_S = 60.0, 10.0, 0.1
 
 
@@ -29,7 +29,7 @@ def page_url(port: int) -> str:
 
 
 def page_port() -> int:
-    """`PORT`, or another one where somebody listens there."""
+    """`PORT`, or a free port if that one is in use."""
     with socket.socket() as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -41,7 +41,7 @@ def page_port() -> int:
 
 @contextlib.contextmanager
 def page_beside(plan: Plan, attempt: Attempt) -> Iterator[None]:
-    """The page for as long as this lasts, where the plan has one; it only watches. Raises as `start_page`."""
+    """Run the page as long as the context lasts, if the plan has one; it only watches. Raises as `start_page`."""
     if plan.page is None:
         yield
         return
@@ -57,9 +57,9 @@ def page_beside(plan: Plan, attempt: Attempt) -> Iterator[None]:
 
 
 def start_page(plan: Plan, attempt: Attempt, *, watch_only: bool) -> subprocess.Popen[bytes]:
-    """Start the page of a fleet that is up, and wait until it is served; it goes on when this process ends.
+    """Start the page of a running fleet, and wait until it is served; it outlives this process.
 
-    Raises TestbedError with its last words where it is not served.
+    Raises TestbedError with its last output if it is not served.
     """
     command = [sys.executable, "-m", "testbed", "page", str(attempt.path), "--protocol", attempt.protocol]
     command += ["--port", str(plan.page), "--security", plan.factors.security, *(["--watch-only"] * watch_only)]
@@ -81,7 +81,7 @@ def start_page(plan: Plan, attempt: Attempt, *, watch_only: bool) -> subprocess.
 
 
 def end_page(folder: Path) -> None:
-    """End the page that another process of the testbed has started for a run's folder, if it still runs."""
+    """End the page that another process of the testbed started for a run's folder, if it still runs."""
     path = folder / PID
     try:
         number = int(path.read_text(encoding="ascii"))

@@ -1,4 +1,4 @@
-"""A capture file as arrays: where each frame's bytes are, when it was seen, and how long it was on the wire."""
+"""A capture file as arrays: the position, time and length of each frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Flags = npt.NDArray[np.bool_]
 Words = npt.NDArray[np.uint64]
 
 PADDING = 512
-"""Zeros behind the file's last byte, so that a header's width can be read at any place in it."""
+"""Zeros after the file's last byte, so that a header can be read at any position in it."""
 _FILE_HEADER, _RECORD_HEADER = 24, 16
 _MAGIC = {
     b"\x4d\x3c\xb2\xa1": ("<", 1),
@@ -25,7 +25,7 @@ _MAGIC = {
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
     b"\xa1\xb2\xc3\xd4": (">", 1000),
 }
-"""The file's first bytes: its byte order, and the nanoseconds of its smallest step (pcap-savefile(5))."""
+"""By a file's first bytes its byte order, and its time resolution in nanoseconds (pcap-savefile(5))."""
 _ETHERNET = 1
 
 
@@ -33,7 +33,7 @@ _ETHERNET = 1
 class Capture:
     """The frames of one file, in its order.
 
-    `data` is the whole file; frame i is `data[starts[i]:starts[i] + lengths[i]]`; `sizes` are the bytes on the wire
+    `data` is the whole file; frame i is `data[starts[i]:starts[i] + lengths[i]]`. `sizes` are the bytes on the wire
     without the FCS, `t_ns` nanoseconds since the epoch. `truncated`: the file ends within a frame.
     """
 
@@ -46,7 +46,7 @@ class Capture:
 
 
 def read_capture(path: Path) -> Capture:
-    """The frames of a pcap up to a cut, if there is one; raises ResultsError when the file is no Ethernet pcap."""
+    """Read the frames of a pcap, up to the cut if it was cut off. Raises ResultsError if it is no Ethernet pcap."""
     try:
         size = path.stat().st_size
         data = np.zeros(size + PADDING, dtype=np.uint8)
@@ -68,10 +68,10 @@ def read_capture(path: Path) -> Capture:
 
 
 class CaptureTail:
-    """A capture that is still being written, read on from where it was left.
+    """A capture that is still being written; each read goes on where the last one ended.
 
     Parameters:
-        path: the file; it may come later.
+        path: the file, which need not exist yet.
     """
 
     def __init__(self, path: Path) -> None:
@@ -79,7 +79,7 @@ class CaptureTail:
         self._at = _FILE_HEADER
 
     def more(self) -> Capture:
-        """The whole frames that came since the last call. Raises ResultsError when the file is no pcap."""
+        """The complete frames written since the last call. Raises ResultsError if the file is no pcap."""
         try:
             with self._path.open("rb") as file:
                 head = file.read(_FILE_HEADER)
@@ -106,13 +106,13 @@ def empty_capture() -> Capture:
 
 
 def windows(data: Bytes, width: int, at: Ints) -> Bytes:
-    """The `width` bytes of `data` from each place on: an array of (places, width)."""
+    """The `width` bytes of `data` from each position on, as an array of shape (positions, width)."""
     found: Bytes = np.lib.stride_tricks.sliding_window_view(data, width)[at]
     return found
 
 
 def big_endian(rows: Bytes, start: int, width: int) -> Ints:
-    """The number in network order that `width` columns from `start` on hold."""
+    """The numbers in network byte order in the `width` columns from `start` on."""
     value = rows[:, start].astype(np.int64)
     for column in range(start + 1, start + width):
         value = value << 8 | rows[:, column]
@@ -120,7 +120,7 @@ def big_endian(rows: Bytes, start: int, width: int) -> Ints:
 
 
 def _record_starts(data: memoryview, size: int, order: str) -> tuple[Ints, int]:
-    """Where each frame begins, and where the last whole one ends; each record has only the place of the next one."""
+    """The start of each frame, and the end of the last complete one. It loops, as only a record leads to the next."""
     length_at = struct.Struct(f"{order}8xI").unpack_from
     starts = []
     at = _FILE_HEADER

@@ -1,4 +1,4 @@
-"""Progress on the terminal: a line a step, which drone is where."""
+"""Progress on the terminal: a line per step, with the state of each drone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.status import Status
 
 
 class ConsoleProgress:
-    """On a terminal a live line for the present step; elsewhere a line whenever the step changes."""
+    """A live line for the current step on a terminal; elsewhere a line whenever the step changes."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -26,7 +26,7 @@ class ConsoleProgress:
 
     @contextlib.contextmanager
     def phase(self, text: str) -> Iterator[None]:
-        """Announce a phase and how long it took."""
+        """Print a phase and how long it took."""
         self._finish_step()
         started = time.monotonic()
         try:
@@ -37,7 +37,7 @@ class ConsoleProgress:
         self._console.print(f"  {text} … {time.monotonic() - started:.1f} s")
 
     def step(self, name: str, drones: dict[str, str], at_s: float) -> None:
-        """Where the drones are in a step, and when they were there, of any clock of seconds."""
+        """Update the current step, the state of each drone in it, and the time (seconds of any clock)."""
         self._at_s = at_s
         if name != self._step:
             self._finish_step()
@@ -58,7 +58,7 @@ class ConsoleProgress:
         return " · ".join(f"{drone} {text}" for drone, text in self._drones.items())
 
     def _finish_step(self) -> None:
-        """The step is over: say how long it took and where each drone is."""
+        """End the step: print how long it took and the state of each drone."""
         if self._status is not None:
             self._status.stop()
             self._status = None

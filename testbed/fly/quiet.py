@@ -1,6 +1,6 @@
-"""A quieter moment of the machine: what is waited for before an attempt is flown again that was void.
+"""Waits for a quieter moment of the machine before a void attempt is flown again.
 
-Nothing of the testbed runs then, so what is not idle is others'.
+The testbed runs nothing meanwhile, so the load is that of other programs.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 WINDOW_S = 2.0
-"""How long is looked at a time."""
+"""The length of one observation."""
 LEAST_IDLE = 0.6
-"""The share of the processors' time in which they have to be idle."""
+"""The share of the processors' time that must be idle."""
 LIMIT_S = 300.0
-"""How long it is waited at most; then it is flown as it is."""
+"""The longest wait; then the attempt is flown anyway."""
 STAT = Path("/proc/stat")
 
 
 @dataclass(frozen=True)
 class Waited:
-    """How long it was waited, and the share of the processors' time that was idle at last."""
+    """The seconds waited, and the share of the processors' time that was idle at the end."""
 
     seconds: float
     idle: float
@@ -36,7 +36,7 @@ def wait_for_quiet(
     sleep: Callable[[float], None] = time.sleep,
     clock: Callable[[], float] = time.monotonic,
 ) -> Waited:
-    """Return when the processors were idle enough for `WINDOW_S`, or after `LIMIT_S`."""
+    """Wait until the processors were idle enough for `WINDOW_S`, at most `LIMIT_S`."""
     look = look or processor_times
     began_s = clock()
     before = look()
@@ -50,9 +50,10 @@ def wait_for_quiet(
 
 
 def processor_times(path: Path = STAT) -> tuple[int, int]:
-    """Idle time of all processors since boot, and all of it, in the kernel's ticks (proc_stat(5)); Linux only.
+    """Idle and total time of all processors since boot, in the kernel's ticks (proc_stat(5)); Linux only.
 
-    What gives way to everybody else (a nice value above 0) counts as idle, what a hypervisor gave to others as busy.
+    Processes with a nice value above 0, which give way to others, count as idle; time that a hypervisor gave to other
+    machines counts as busy.
     """
     first, _, _ = path.read_text(encoding="ascii").partition("\n")
     user, nice, system, idle, iowait, irq, softirq, steal, *_ = map(int, first.split()[1:])

@@ -1,4 +1,4 @@
-"""The results folder: where a series and its attempts are, what is in them, and how they are read back."""
+"""The results folder: the places of series and attempts, their files, and how these are read and written."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ REPORT = "report.html"
 MANIFEST_VERSION = 1
 LINKS = "links"
 KEY_LOG = "tls/keys.log"
-"""Where the nodes write the session keys of their TLS connections, in the format of SSLKEYLOGFILE (RFC 9850)."""
+"""The file for the session keys of the nodes' TLS connections, in the format of SSLKEYLOGFILE (RFC 9850)."""
 FOLDERS = ("pcap", "sitl", "logs", "tls", LINKS)
-"""What an attempt's folder has, and the containers may write to."""
+"""The folders in an attempt's folder, to which the containers may write."""
 LINKS_PLAN, LINKS_SHAPER, LINKS_CALIBRATION = "plan.json", "shaper.json", "calibration.json"
 LINKS_COUNTERS, LINKS_EVENTS, LINKS_START = "counters.json", "events.jsonl", "start"
-"""What is in the folder LINKS."""
+"""The files in the folder LINKS."""
 _ATTEMPT = re.compile(r"attempt-(?P<number>\d\d)(-repeat-(?P<repeat>\d))?")
 _MANIFEST_FIELDS: dict[str, type] = {
     **dict.fromkeys(("experiment", "arm", "profile", "status", "shaper"), str),
@@ -33,7 +33,7 @@ _MANIFEST_FIELDS: dict[str, type] = {
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt's folder; `repeat` counts how often it was flown again, because it had been void."""
+    """One attempt's folder; `repeat` counts how often its number was flown again after a void attempt."""
 
     path: Path
     protocol: str
@@ -41,7 +41,7 @@ class Attempt:
     repeat: int = 0
 
     def manifest(self) -> dict[str, Any]:
-        """Raises ResultsError when it is missing or not what a run writes."""
+        """Read the manifest. Raises ResultsError if it is missing or not what a run writes."""
         path = self.path / "manifest.json"
         found = read_json(path)
         if found.get("version") != MANIFEST_VERSION:
@@ -63,23 +63,23 @@ class Attempt:
 
     @property
     def key_log(self) -> Path:
-        """What opens its captures, where its fleet flew encrypted."""
+        """The log of the session keys that decrypt its captures, if its fleet flew encrypted."""
         return self.path / KEY_LOG
 
     @property
     def was_flown(self) -> bool:
-        """Whether the mission began to write down what happened."""
+        """Whether the mission began to record events."""
         return (self.path / "events.jsonl").exists()
 
     def events(self) -> list[dict[str, Any]]:
         return read_json_lines(self.path / "events.jsonl")
 
     def autopilot_events(self) -> dict[str, list[dict[str, Any]]]:
-        """The autopilots' own events by node."""
+        """The events in the autopilots' own logs, by node."""
         return {path.stem: read_json_lines(path) for path in sorted((self.path / "sitl").glob("*.jsonl"))}
 
     def captures(self) -> list[dict[str, Any]]:
-        """What each capture counted; empty when the network was not ended well."""
+        """The counts of each capture; empty if the network did not end properly."""
         path = self.path / "pcap" / "captures.json"
         if not path.exists():
             return []
@@ -96,7 +96,7 @@ class Series:
     path: Path
 
     def attempts(self) -> list[Attempt]:
-        """Every attempt, by protocol and number, and then as often as it was repeated."""
+        """Every attempt, sorted by protocol, number and repeat."""
         found = [attempt_of(path) for path in self.path.glob("*/attempt-*")]
         return sorted(
             (attempt for attempt in found if attempt is not None),
@@ -105,7 +105,7 @@ class Series:
 
 
 def attempt_of(path: Path) -> Attempt | None:
-    """The attempt whose folder this is, `<protocol>/attempt-NN` or `…-repeat-N`; None for anything else."""
+    """The attempt in a folder `<protocol>/attempt-NN` or `…-repeat-N`; None for any other path."""
     named = _ATTEMPT.fullmatch(path.name)
     if named is None or not path.is_dir():
         return None
@@ -113,12 +113,12 @@ def attempt_of(path: Path) -> Attempt | None:
 
 
 def series_folder(root: Path, experiment: str, arm: str, profile: str) -> Path:
-    """Where the series of an experiment in an arm on a profile are; `arm` with what deviates from it."""
+    """The folder for the series of an experiment in an arm on a profile; `arm` includes the factors that deviate."""
     return root / experiment / f"{arm}-{profile}"
 
 
 def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
-    """A folder of its own for a series, never one that is there; `arm` with what deviates from it."""
+    """Make a new folder for a series, never an existing one; `arm` includes the factors that deviate from it."""
     name = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     folder = series_folder(root, experiment, arm, profile)
     try:
@@ -134,16 +134,16 @@ def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
 
 
 def new_attempt(series: Series, protocol: str, number: int, repeat: int = 0) -> Attempt:
-    """A folder for an attempt, writable from inside the containers."""
+    """Make a folder for an attempt, writable from inside the containers."""
     path = series.path / protocol / (f"attempt-{number:02d}" + (f"-repeat-{repeat}" if repeat else ""))
     _make_folders(path, exist_ok=False)
     return Attempt(path, protocol, number, repeat)
 
 
 def live_attempt(path: Path, protocol: str) -> Attempt:
-    """A folder for what is no attempt of a series, as a fleet flown by hand.
+    """Make a folder for a flight that is no attempt of a series, as of a fleet flown by hand.
 
-    Nothing of earlier links is left in it, nor of earlier session keys.
+    Earlier files of links and session keys are removed from it.
     """
     _make_folders(path)
     attempt = Attempt(path, protocol, 1)
@@ -164,7 +164,7 @@ def point_latest(series: Series) -> None:
 
 
 def point(link: Path, target: Path) -> None:
-    """Make a link point to a folder, at no time to nothing."""
+    """Make a link point to a folder, atomically."""
     fresh = link.with_name(f".{link.name}.new")
     fresh.unlink(missing_ok=True)
     fresh.symlink_to(os.path.relpath(target, link.parent))
@@ -172,7 +172,7 @@ def point(link: Path, target: Path) -> None:
 
 
 def open_series(path: Path) -> Series:
-    """A series from its folder, `latest` included; raises UserError for a path that is none."""
+    """Open a series by its folder, `latest` included. Raises UserError if the path is no series."""
     if not path.is_dir():
         raise UserError(f"{path}: expected a results folder")
     series = Series(path.resolve())
@@ -182,7 +182,7 @@ def open_series(path: Path) -> Series:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Write a file whole or not at all; an OSError names it."""
+    """Write a file completely or not at all. Raises OSError that names the file."""
     fresh = path.with_name(f".{path.name}.new")
     try:
         fresh.write_text(json.dumps(document, indent=1, sort_keys=False) + "\n", encoding="utf-8")
@@ -192,7 +192,7 @@ def write_json(path: Path, document: Any) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Raises ResultsError where there is no JSON object."""
+    """Read a file's JSON object. Raises ResultsError if it has none."""
     found = _read_json(path)
     if not isinstance(found, dict):
         raise ResultsError(f"{path}: expected an object")
@@ -200,15 +200,15 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_json_lines(path: Path, needed: frozenset[str] = frozenset({"t_ns", "event"})) -> list[dict[str, Any]]:
-    """The events of a file, up to a last line that was cut off; empty when there is none.
+    """Read the events of a file, without a last line that was cut off; empty if there is no file.
 
-    Raises ResultsError naming a line in it that is no event, with all the fields `needed`.
+    Raises ResultsError that names a line which is no event with all the fields `needed`.
     """
     if not path.exists():
         return []
     found = []
     lines = path.read_bytes().split(b"\n")
-    for number, line in enumerate(lines[:-1], 1):  # after the last line's end there is nothing, or what was cut off
+    for number, line in enumerate(lines[:-1], 1):  # after the last line's end is nothing, or a line that was cut off
         try:
             event = json.loads(line)
         except ValueError as error:

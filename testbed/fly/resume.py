@@ -1,4 +1,4 @@
-"""A series that was broken off: what of it counts, what was cut off, and whether it was flown as it would be now."""
+"""An interrupted series: which attempts count, which were cut off, and whether they were flown as they would be now."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _LAST_REPEAT = 9
 
 
 def begun_of(series: Series, plan: Plan) -> dict[int, Begun]:
-    """What there is of each number that a plan asks for; a number of which there is nothing is left out.
+    """The state of each number of a plan; numbers without an attempt are left out.
 
-    An attempt that was cut off does not count, and is no repeat of those that a number may have: with it the other
-    side's attempt of the same repeat is flown again.
+    An attempt that was cut off does not count, nor does it use up one of the number's repeats. The other side's attempt
+    of the same repeat is flown again with it.
     """
     made_void = _made_void(series)
     found = {}
@@ -50,13 +50,13 @@ def begun_of(series: Series, plan: Plan) -> dict[int, Begun]:
 
 
 def next_number(begun: dict[int, Begun], plan: Plan) -> int | None:
-    """The first number of a plan that has something left to fly; None when it is over."""
+    """The first number of a plan that has attempts left to fly; None if there is none."""
     numbers = range(1, plan.attempts + 1)
     return next((number for number in numbers if not _is_whole(begun.get(number, Begun()), plan)), None)
 
 
 def given_up(begun: dict[int, Begun]) -> dict[int, str]:
-    """The numbers that were void as often as they may be repeated, and why they were so at last."""
+    """The numbers that have used up their repeats, with the reason why the last attempt was void."""
     return {
         number: next((str(verdict.reason) for verdict in one.flown.values() if verdict.is_void), CUT_OFF)
         for number, one in begun.items()
@@ -65,7 +65,7 @@ def given_up(begun: dict[int, Begun]) -> dict[int, str]:
 
 
 def to_fly(begun: dict[int, Begun], plan: Plan) -> dict[str, int]:
-    """How many attempts there are left of each protocol, if none of them is void."""
+    """How many attempts are left over each protocol, if none of them will be void."""
     counts = dict.fromkeys(plan.protocols, 0)
     for number in range(1, plan.attempts + 1):
         one = begun.get(number, Begun())
@@ -75,37 +75,37 @@ def to_fly(begun: dict[int, Begun], plan: Plan) -> dict[str, int]:
 
 
 def amount_of(plan: Plan) -> str:
-    """COUNT or SAMPLES, which make another measurement of an experiment; nothing where it has neither."""
+    """COUNT or SAMPLES, by which measurements of an experiment differ; empty if it has neither."""
     return str(plan.count) if plan.is_message_set else str(plan.samples) if plan.has_sensors else ""
 
 
 def amount_in(configuration: dict[str, Any]) -> str:
-    """The same, as a manifest has it."""
+    """As `amount_of`, from a manifest's configuration."""
     return str(configuration.get("count", configuration.get("SAMPLES", "")))
 
 
 def has_amount(series: Series, plan: Plan) -> bool:
-    """Whether a series measures as many messages or values as a plan; where no attempt can say so, it may."""
+    """Whether a series measures as many messages or samples as a plan; True if none of its manifests can be read."""
     for attempt in series.attempts():
         try:
             return amount_in(attempt.manifest()["configuration"]) == amount_of(plan)
-        except ResultsError:  # cut off before it could say
+        except ResultsError:  # cut off before its manifest was complete
             continue
     return True
 
 
 def has_fleet(series: Series, plan: Plan) -> bool:
-    """Whether a plan's fleet flew all of a series: the file that FLEET names may say something else by now.
+    """Whether all of a series was flown by a plan's fleet: the file that FLEET names may have changed since.
 
-    Raises UserError as `read_fleet` for an attempt's copy that cannot be read any more.
+    Raises UserError as `read_fleet` if an attempt's copy cannot be read.
     """
     return all(fleet_in(attempt.path) == plan.fleet for attempt in series.attempts())
 
 
 def otherwise(series: Series, plan: Plan) -> str | None:
-    """Why attempts flown now would not belong into a series; None when they would.
+    """Why attempts flown now would not belong to a series; None if they would.
 
-    What is flown now is only known to be the same where it is a revision without changes.
+    Only a revision without changes is known to be the same as that of the series.
     """
     now = revision()
     if now["commit"] is None or now["dirty"]:
@@ -114,7 +114,7 @@ def otherwise(series: Series, plan: Plan) -> str | None:
     for attempt in series.attempts():
         try:
             manifest = attempt.manifest()
-        except ResultsError:  # it was cut off before it could say how it was to be flown
+        except ResultsError:  # it was cut off before its manifest was complete
             continue
         if manifest["revision"] != now:
             return "it was flown at another revision"
@@ -128,9 +128,9 @@ def otherwise(series: Series, plan: Plan) -> str | None:
 
 
 def settle(series: Series, plan: Plan) -> None:
-    """Say in their manifests that attempts which were cut off are void, and so are the others of a void one's repeat.
+    """Mark as void, in their manifests, the attempts that were cut off and the counterparts of void attempts.
 
-    Without this a number that is flown again would count twice.
+    Otherwise a number that is flown again would count twice.
     """
     made_void = _made_void(series)
     for number in range(1, plan.attempts + 1):
@@ -144,7 +144,7 @@ def settle(series: Series, plan: Plan) -> None:
 
 
 def is_measured(series: Series) -> bool:
-    """Whether `metrics.json` knows of every attempt."""
+    """Whether `metrics.json` has every attempt."""
     try:
         sides = read_json(series.path / METRICS)["protocols"]
     except (ResultsError, KeyError):
@@ -168,7 +168,7 @@ def _repeats(series: Series, plan: Plan, number: int) -> Iterator[tuple[int, lis
 
 
 def _ending(attempt: Attempt, made_void: dict[tuple[str, int, int], Verdict]) -> Verdict | None:
-    """How an attempt ended; None for one that was cut off, or that does not say."""
+    """How an attempt ended; None if it was cut off, or if its manifest cannot be read."""
     try:
         verdict = written(attempt.manifest())
     except ResultsError:
@@ -183,7 +183,7 @@ def _was_cut(endings: dict[Attempt, Verdict | None]) -> bool:
 
 
 def _made_void(series: Series) -> dict[tuple[str, int, int], Verdict]:
-    """What metrics.json has as void."""
+    """The attempts that metrics.json has as void, by protocol, number and repeat."""
     try:
         sides: dict[str, Any] = read_json(series.path / METRICS)["protocols"]
     except (ResultsError, KeyError):
@@ -196,7 +196,7 @@ def _made_void(series: Series) -> dict[tuple[str, int, int], Verdict]:
 
 
 def _same_links(attempt: Attempt, plan: Plan) -> bool:
-    """Whether `net` would get the same plan of the links."""
+    """Whether `net` would now get the same plan of the links."""
     gates = gates_of(plan.fleet) if plan.has_sensors else ()
     now = run_plan(plan_links(plan, attempt.number), plan.topology, shaper=plan.shaper, gates=gates)
     path = attempt.path / LINKS / LINKS_PLAN

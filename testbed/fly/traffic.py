@@ -1,4 +1,4 @@
-"""What each link carries at the moment, from the captures as they are written."""
+"""The current traffic of each link, from the captures while they are written."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ..plan.topology import Link, Topology
 from .pcap import Bytes, CaptureTail, Ints, big_endian, windows
 
 _HEAD = 42
-"""Ethernet's header, and as much of IPv4's or ARP's as is read."""
+"""Bytes of Ethernet's header, and of the part of IPv4's or ARP's that is read."""
 _IPV4, _ARP = 0x0800, 0x0806
 _SENDER = {_IPV4: 26, _ARP: 28}
-"""Where the sender's address is, by what the frame carries."""
+"""The offset of the sender's IP address, by EtherType."""
 
 
 @dataclass(frozen=True)
 class Carried:
-    """What entered one direction of a link, per second."""
+    """The traffic of one direction of a link, per second."""
 
     packets_per_s: float = 0.0
     bytes_per_s: float = 0.0
@@ -32,12 +32,13 @@ class Carried:
 class Traffic:
     """Frames and bytes of every directed link since the last look; bytes are Ethernet frames without FCS.
 
-    A link is counted at its lower node. What that node has of nodes below it crosses another link.
+    A link is counted in the capture of its lower node, without that node's frames to and from nodes below it, which
+    cross another link.
 
     Parameters:
-        folder: with a capture of each node, NODE.pcap.
+        folder: the folder with each node's capture, NODE.pcap.
         topology: nodes and links.
-        clock: in seconds.
+        clock: returns seconds.
     """
 
     def __init__(self, folder: Path, topology: Topology, clock: Callable[[], float] = time.monotonic) -> None:
@@ -55,7 +56,7 @@ class Traffic:
         ]
 
     def look(self) -> Mapping[str, Carried]:
-        """By directed link, as `air:uav1:up`; nothing for a link whose capture cannot be read."""
+        """The traffic by directed link, as `air:uav1:up`; links whose capture cannot be read are left out."""
         now_s = self._clock()
         took_s, self._looked_s = max(now_s - self._looked_s, 1e-3), now_s
         found = {}
@@ -71,17 +72,17 @@ class Traffic:
 
 @dataclass
 class _Place:
-    """Where a link is counted: the capture of its lower node."""
+    """The place where a link is counted: the capture of its lower node."""
 
     link: Link
     tail: CaptureTail
     own: int
     below: Ints
     mac: int | None = None
-    """The node's, once a frame has shown it."""
+    """The node's MAC address, once a frame has shown it."""
 
     def count(self) -> dict[str, tuple[int, int]]:
-        """Frames and bytes of each direction."""
+        """Count the new frames and their bytes, by direction."""
         capture = self.tail.more()
         whole = capture.lengths >= _HEAD
         heads = windows(capture.data, _HEAD, capture.starts[whole])

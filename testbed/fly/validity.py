@@ -1,8 +1,8 @@
 """What counts: the one place where an attempt is judged completed, failed or void.
 
-`observations` looks at a flight's folder once, after its containers have ended; `judge` makes a verdict of what was
-observed, `paired` holds the attempts of a number together. The run writes both into the attempt's manifest. Whoever
-comes after (repeats, metrics, reports) reads the verdict there.
+`observations` examines a flight's folder once, after its containers have ended. `judge` derives a verdict from these
+observations, and `paired` combines the attempts of a number. The run writes both into the attempt's manifest, from
+which repeats, metrics and reports read the verdict.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ CUT_OFF, INTERRUPTED = "the run was cut off", "interrupted"
 
 @dataclass(frozen=True)
 class Observed:
-    """What a flight left behind, as far as it bears on the verdict. The defaults are those of a flight without fault.
+    """The observations of a flight that bear on the verdict. The defaults are those of a flawless flight.
 
-    failure: why the mission was not completed, in its own words; None when it was.
+    failure: why the mission was not completed, in its own words; None if it was.
     off_before: why nothing was flown: how the probed links differ from the profile, or why they could not be probed.
     off_links: how the links of the flight differ from the plan, a line each: the shaper's lateness, random losses.
-    flights: what the autopilots' records say against the flight: a slow clock, sensors that stood still, a flight log
+    flights: what the autopilots' logs have against the flight: a slow clock, sensors that stood still, a flight log
         with other events.
     uncaptured: the nodes without a capture.
-    dropped: packets that captures dropped, by node, without those that dropped none; None where one does not say.
-    has_end: whether the mission's events have its end.
+    dropped: packets that captures dropped, by node, without those that dropped none; None where the count is unknown.
+    has_end: whether the mission's events include its end.
     silent: the drones without an event of disarming.
     set_back: the file in which the clock was set back the furthest, and by how many seconds.
-    unreadable: files that decide one of these and cannot be read, with the reason.
+    unreadable: unreadable files on which one of these depends, with the reason.
     watched: whether the live page showed the flight.
     """
 
@@ -53,7 +53,7 @@ class Observed:
 
 @dataclass(frozen=True)
 class Verdict:
-    """`status` is completed, failed or void; `failure` is how the mission of a void attempt had failed, if it had."""
+    """`status` is completed, failed or void; `failure` is why the mission of a void attempt failed, if it did."""
 
     status: str
     reasons: tuple[str, ...] = ()
@@ -71,32 +71,32 @@ class Verdict:
 
     @property
     def was_only_watched(self) -> bool:
-        """Whether nothing but the live page keeps it from being completed."""
+        """Whether the live page is the only reason why the attempt is not completed."""
         return self.reasons == (WATCHED,) and self.failure is None
 
     @property
     def was_cut(self) -> bool:
-        """Whether the run ended before the attempt did: it is flown again, and is none of a number's repeats."""
+        """Whether the run ended before the attempt did: it is flown again, without counting as a repeat."""
         return self.status != COMPLETED and self.reasons in ((CUT_OFF,), (INTERRUPTED,))
 
     def to_data(self) -> dict[str, Any]:
-        """As a manifest has it."""
+        """The entries in a manifest."""
         return {"status": self.status, "reason": self.reason}
 
 
 NOT_ENDED = Verdict(VOID, (CUT_OFF,))
-"""Of an attempt that was cut off, once its series goes on without it."""
+"""The verdict of an attempt that was cut off, once its series goes on without it."""
 
 
 def written(manifest: Mapping[str, Any]) -> Verdict:
-    """The verdict that a manifest has; of one that nobody was left to complete, that its run was cut off."""
+    """The verdict in a manifest; failed, cut off, for a manifest that its run did not complete."""
     if manifest["status"] == RUNNING:
         return Verdict(FAILED, (CUT_OFF,))
     return Verdict(manifest["status"], () if manifest["reason"] is None else (manifest["reason"],))
 
 
 def as_measured(void: Mapping[str, Any]) -> Verdict:
-    """The verdict of a void attempt, as metrics.json has it."""
+    """The verdict of a void attempt in metrics.json."""
     return Verdict(VOID, (void["reason"],))
 
 
@@ -108,9 +108,9 @@ def unread(reason: str) -> Verdict:
 def judge(seen: Observed) -> Verdict:
     """The verdict of a flight.
 
-    Links that are not as planned, autopilots that were slowed down, and a live page that makes traffic of its own make
-    any attempt void: where its mission failed, they may be the cause. Whatever else its numbers need makes only a
-    completed attempt void: a failed one stays in the tables with the numbers that it has.
+    Links that are not as planned, autopilots that were slowed down, and a live page, which adds traffic, make any
+    attempt void: if its mission failed, they may be the cause. All else that its numbers lack makes only a completed
+    attempt void: a failed one stays in the tables with the numbers that it has.
     """
     if seen.off_before is not None:
         return Verdict(VOID, (seen.off_before,))
@@ -129,7 +129,7 @@ def judge(seen: Observed) -> Verdict:
 
 
 def paired(verdicts: Mapping[Attempt, Verdict]) -> dict[Attempt, Verdict]:
-    """The same, with every attempt void whose other protocol's attempt of the same number and repeat is void."""
+    """Make void every attempt whose counterpart, of the same number and repeat over another protocol, is void."""
     found = {}
     for attempt, verdict in verdicts.items():
         void = next((other for other in verdicts if _are_paired(attempt, other) and verdicts[other].is_void), None)
@@ -141,7 +141,7 @@ def paired(verdicts: Mapping[Attempt, Verdict]) -> dict[Attempt, Verdict]:
 
 
 def unmeasured(verdict: Verdict, reason: str) -> Verdict:
-    """The verdict of an attempt whose files cannot be measured any more: without numbers a completed one is void."""
+    """The verdict of an attempt whose files cannot be measured: void if it was completed, since it has no numbers."""
     return Verdict(VOID, (reason,)) if verdict.status == COMPLETED else verdict
 
 

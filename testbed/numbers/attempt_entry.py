@@ -7,7 +7,7 @@ Load = dict[str, dict[str, list[int]] | list[int]]
 
 
 class Summary(TypedDict):
-    """Of many values, in their unit; without a value there is nothing but their number."""
+    """A summary of many values, in their unit; without values all but `n` is None."""
 
     n: int
     mean: float | None
@@ -24,7 +24,7 @@ class Receipts(TypedDict):
 
 
 class Delays(TypedDict):
-    """By the captures, and by the programs' own clocks."""
+    """Delays by the captures, and by the programs' own clocks."""
 
     captures: Summary
     app: Summary | None
@@ -49,7 +49,7 @@ class SizeEntry(TypedDict):
 
 
 class LossEntry(TypedDict):
-    """`lost` of `sent`; `below` is what the share is below at 95 % where nothing was lost."""
+    """`lost` of `sent`; `below` is the 95 % upper bound of the share where nothing was lost."""
 
     sent: int
     lost: int
@@ -73,14 +73,14 @@ class KindOfMessages(LossEntry):
 
 
 class Messages(TypedDict):
-    """By command and by state."""
+    """The messages of a mission, by command and by state."""
 
     commands: dict[str, KindOfMessages]
     states: dict[str, KindOfMessages]
 
 
 class MessageLoss(TypedDict):
-    """Of all commands and of all states."""
+    """The shares of all commands and of all states that were lost."""
 
     commands: float | None
     states: float | None
@@ -100,13 +100,13 @@ class LinkLosses(TypedDict):
 
 
 class Losses(LinkLosses):
-    """On all links, and on each that lost any."""
+    """Frames lost on all links together, and on each that lost any."""
 
     links: dict[str, LinkLosses]
 
 
 class LinkEntry(TypedDict):
-    """What went over a directed link."""
+    """The traffic of a directed link."""
 
     packets: int
     bytes: int
@@ -167,11 +167,11 @@ class MavlinkMessage(TypedDict):
 
 
 Router = TypedDict("Router", {"node": str, "way": str, "in": int, "out": int, "dropped": int})
-"""Frames that a node's router was given, let through and dropped."""
+"""Frames that a node's router received, forwarded and dropped."""
 
 
 class Mavlink(TypedDict):
-    """What the MAVLink side sends."""
+    """The messages that the MAVLink side sends."""
 
     streams: list[MavlinkStream]
     commands: list[MavlinkMessage]
@@ -181,7 +181,7 @@ class Mavlink(TypedDict):
 
 
 class KindMessages(LossEntry):
-    """Messages of a kind of the message set, and how long each took, in their order; None: lost."""
+    """Messages of a kind of the message set, and the delay of each in order; None: lost."""
 
     open: int
     delay_ms: list[float | None]
@@ -221,14 +221,14 @@ class ReadingsEntry(TypedDict):
 
 
 class ReadingDelays(TypedDict):
-    """Of all readings."""
+    """The delays of all readings."""
 
     captures: Summary
     app: Summary
 
 
 class FlightChange(TypedDict):
-    """When a flight log says that something happened, and how much later the captures do."""
+    """The time of an event in a flight log, and how much later the captures show it."""
 
     event: str
     at_s: float

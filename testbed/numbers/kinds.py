@@ -1,6 +1,6 @@
-"""The message set in numbers: each kind on each side, for one message, over its completed attempts.
+"""The message set in numbers: each kind on each side, per message, over the side's completed attempts.
 
-`QUANTITIES` is to a kind what `quantities` is to a mission: each with its name, its unit, and how it is written.
+`QUANTITIES` is for a kind what `quantities` is for a mission: each has its name, its unit, and how it is written.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from .quantity import Figure
 COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
 STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 _ANSWERS = ("result", "ack")
-"""How the two sides' answers are named: MQTT-XT's results, MAVLink's COMMAND_ACK."""
+"""The names of both sides' answers: MQTT-XT's results, MAVLink's COMMAND_ACK."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """The frame that carries one message between two nodes, in bytes; `ack` is the mean cost of what acknowledges it
-    on a link, None where nothing does."""
+    """The frame that carries one message between two nodes, in bytes; `ack` is the mean cost of its acknowledgement
+    on a link, None without one."""
 
     mean: float
     least: int
@@ -40,9 +40,9 @@ class Frame:
 class Side:
     """A kind on one side.
 
-    `with_states` counts everything on the links meanwhile, `alone` its own messages; `delay_ms` is one way by capture,
-    `app_ms` from the call to its first word, both means; `failed` are calls or values that were not what was asked, by
-    reason.
+    `with_states` counts everything on the links meanwhile, `alone` only the kind's own messages. `delay_ms` is one way
+    by the captures, `app_ms` from the call to its first word, both means. `failed` counts by reason the calls that
+    failed and the values that did not arrive in time.
     """
 
     asked: int
@@ -60,13 +60,13 @@ class Side:
 
     @property
     def lost(self) -> Figure:
-        """Messages of which no copy arrived."""
+        """The share of messages of which no copy arrived."""
         return Figure.of_loss(self.loss)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of a kind on one side, for one message: a mean over all messages of the attempts."""
+    """A number of a kind on one side, per message: a mean over all messages of the attempts."""
 
     key: str
     name: str
@@ -90,7 +90,7 @@ _IN_BRIEF: tuple[Quantity, ...] = (OWN_SIZE, DELAY)
 
 
 def kinds_of(sides: Sides) -> dict[str, dict[str, Side]]:
-    """By kind, commands and then states, each side that has it in a completed attempt."""
+    """The sides by kind, commands before states; a side is left out if none of its completed attempts has the kind."""
     found: dict[str, dict[str, Side]] = {}
     for name in (*COMMANDS, *STATES):
         for protocol, side in sides.items():
@@ -106,7 +106,7 @@ def form_of(name: str) -> str:
 
 
 def means_of(kinds: Mapping[str, Mapping[str, Side]]) -> dict[str, tuple[tuple[str, ...], dict[str, Side]]]:
-    """By form one command and one state, and of which kinds they are the means: those that all sides have."""
+    """By form the mean command and the mean state, with the kinds that they are means of: those that all sides have."""
     found = {}
     for form in ("command", "state"):
         own = {name: sides for name, sides in kinds.items() if form_of(name) == form}
@@ -118,7 +118,7 @@ def means_of(kinds: Mapping[str, Mapping[str, Side]]) -> dict[str, tuple[tuple[s
 
 
 def compared(sides: Sides) -> list[Row]:
-    """The rows by which two message sets are compared: the mean command and state at length, each kind in brief."""
+    """The rows that compare two message sets: the mean command and state with all quantities, each kind in brief."""
     kinds = kinds_of(sides)
     wanted = [(f"mean {form}", of, QUANTITIES) for form, (_, of) in means_of(kinds).items()]
     wanted += [(name, of, _IN_BRIEF) for name, of in kinds.items()]
@@ -130,7 +130,7 @@ def compared(sides: Sides) -> list[Row]:
 
 
 def side_of(entries: Sequence[Kind]) -> Side:
-    """A kind on one side, from its entries of the attempts."""
+    """A kind on one side, from its entries in the attempts."""
     name = entries[0].name
     answers = [frame for answer in _ANSWERS if (frame := _frame(entries, f"{name} {answer}")) is not None]
     return Side(
@@ -150,7 +150,7 @@ def side_of(entries: Sequence[Kind]) -> Side:
 
 
 def _mean_side(sides: Sequence[Side]) -> Side:
-    """One message of several kinds: means of what is for one message, sums of what is counted."""
+    """The mean message of several kinds: means of the figures per message, sums of the counts."""
 
     def amount(amounts: Sequence[Amount]) -> Amount:
         return Amount(mean(one.packets for one in amounts), mean(one.bytes for one in amounts))

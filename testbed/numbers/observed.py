@@ -1,6 +1,6 @@
-"""What was observed in a series, typed: the one reader of what `metrics.json` says of attempts.
+"""The observations of a series, typed: the only reader of the attempts in `metrics.json`.
 
-Every figure of a quantity is made from this, by `quantities` and `kinds`.
+`quantities` and `kinds` make every figure from them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .written import SideEntry
 
 @dataclass(frozen=True)
 class Loss:
-    """`lost` of `known`, which is what was sent but for what is still `open` where the captures end."""
+    """`lost` of `known` messages or frames: all that were sent, less those still `open` where the captures end."""
 
     lost: int
     known: int
@@ -30,7 +30,7 @@ class Loss:
 
     @property
     def below(self) -> float | None:
-        """Where nothing was lost, what the share is below at 95 %: the rule of three."""
+        """The 95 % upper bound of the share where nothing was lost, by the rule of three; None elsewhere."""
         return min(1.0, 3 / self.known) if self.known and not self.lost else None
 
 
@@ -47,7 +47,7 @@ class Amount:
 
 @dataclass(frozen=True)
 class FrameSizes:
-    """Frames that carry one message between two nodes, in bytes; `ack` is the mean cost of what acknowledges one."""
+    """Frames that carry one message between two nodes, in bytes; `ack` is the mean cost of an acknowledgement."""
 
     count: int
     mean: float
@@ -58,7 +58,7 @@ class FrameSizes:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of the message set in one attempt; delays have None for a message that was lost."""
+    """A kind of the message set in one attempt; the delay of a lost message is None."""
 
     name: str
     form: str
@@ -78,10 +78,10 @@ class Kind:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A completed or failed attempt, in the window of its mission; `mission_s` is None where it failed.
+    """A completed or failed attempt, in the window of its mission; `mission_s` is None if it failed.
 
-    `window_s` is how long was counted, None where the mission never began. `frames` leaves out what met a sensor's
-    closed link, its drone being too far: that shows when a drone came near, and nothing of the links.
+    `window_s` is how long frames were counted, None if the mission never began. `frames` leaves out the frames sent
+    into a sensor's closed link while its drone was out of range: they show when a drone came near, not how links lose.
     """
 
     number: int
@@ -112,7 +112,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Side:
-    """One protocol's attempts that count, in their order, and how many are void."""
+    """One protocol's attempts that count, in order, and the number of void ones."""
 
     attempts: tuple[Attempt, ...]
     void: int
@@ -134,7 +134,7 @@ def in_order(protocols: Mapping[str, object]) -> list[str]:
 
 
 def observe(protocols: Mapping[str, SideEntry]) -> Sides:
-    """`protocols` of a series' metrics."""
+    """Read `protocols` of a series' metrics."""
     return {name: _side(protocols[name]) for name in in_order(protocols)}
 
 
@@ -143,7 +143,7 @@ def _side(side: SideEntry) -> Side:
 
 
 def observe_attempt(entry: AttemptEntry) -> Attempt:
-    """One attempt's entry in `metrics.json`."""
+    """Read one attempt's entry in `metrics.json`."""
     window = entry["window"]
     lost = sum(link["lost"] for link in entry["links"].values())
     unreached = entry["out_of_range"]

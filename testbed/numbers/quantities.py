@@ -1,6 +1,6 @@
-"""The registry of quantities: each with its name, its unit, how it is made of a side's attempts, and how it is written.
+"""The registry of quantities: the name and unit of each, how it is made from a side's attempts, how it is written.
 
-Every figure of a quantity, in `metrics.json`, on the terminal, on a page or in a summary, is made by its row here.
+Every figure in `metrics.json`, on the terminal, on a page or in a summary is made by its row here.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from .written import CompletionEntry, PairedTestEntry, SpreadEntry, Statistics
 
 
 def share(key: str, name: str, count: Callable[[Attempt], Loss], *, counted: bool = False) -> Share:
-    """A share whose value of an attempt is that of its count."""
+    """A share; its value in an attempt is the share of `count`."""
     return Share(key, name, "share", words.share, lambda attempt: count(attempt).share, counted, count)
 
 
 def per_second(amount: Callable[[Attempt], float]) -> Callable[[Attempt], float | None]:
-    """An amount over the time of the mission; None where it was not completed."""
+    """An amount divided by the mission time; None if the mission was not completed."""
     return lambda attempt: amount(attempt) / attempt.mission_s if attempt.mission_s else None
 
 
 def per_counted_second(amount: Callable[[Attempt], float]) -> Callable[[Attempt], float | None]:
-    """An amount over the time in which it was counted, in a failed attempt until it gave up."""
+    """An amount divided by the time in which it was counted; a failed attempt counts until it gave up."""
     return lambda attempt: amount(attempt) / attempt.window_s if attempt.window_s else None
 
 
 def purpose_bytes(attempt: Attempt, *purposes: str) -> float:
-    """Bytes for some purposes, with their part of what acknowledges: shared out by bytes."""
+    """Bytes for some purposes, with their part of the acknowledgements, which are shared out in proportion to bytes."""
     told = {name: float(count) for name, count in attempt.purposes.items()}
     acknowledging = told.pop("acknowledgement", 0.0)
     own, all_ = sum(told.get(name, 0.0) for name in purposes), sum(told.values())
@@ -41,13 +41,13 @@ def purpose_bytes(attempt: Attempt, *purposes: str) -> float:
 
 
 def _command_bytes(attempt: Attempt) -> float:
-    """With their results; in the message set all bytes while a command was on."""
+    """Bytes of commands and their results; in the message set all bytes while commands were measured."""
     kinds = [kind for kind in attempt.kinds.values() if kind.form == "command"]
     return sum(kind.with_states.bytes for kind in kinds) if kinds else purpose_bytes(attempt, "command", "result")
 
 
 def _state_bytes_per_s(attempt: Attempt) -> float | None:
-    """In the message set all bytes while a state was on."""
+    """Bytes of states per second; in the message set all bytes while states were measured."""
     kinds = [kind for kind in attempt.kinds.values() if kind.form == "state"]
     seconds = sum(kind.seconds for kind in kinds)
     if seconds:
@@ -75,11 +75,11 @@ COMMANDS_LOST = share("commands_lost", "commands lost", lambda one: one.commands
 STATES_LOST = share("states_lost", "states lost", lambda one: one.states)
 FRAMES_LOST = share("wire_loss", "frames lost", lambda one: one.frames)
 DELAY = Quantity("delay_ms", "delay of commands", "ms", words.milliseconds, lambda one: _middle(one.delays_ms))
-"""Of an attempt the median over its commands and drones."""
+"""An attempt's value is the median over its commands and drones."""
 LONGEST_STATE = Quantity(
     "longest_state_ms", "longest delay of a state", "ms", words.milliseconds, lambda one: one.longest_state_ms
 )
-"""From leaving the drone to reaching the ground station, by capture."""
+"""From leaving the drone to reaching the ground station, by the captures."""
 DOUBLED = Quantity(
     "doubled", "commands received again", "commands", words.thousands, lambda one: one.doubled, counted=True
 )
@@ -113,28 +113,28 @@ COMPARED: tuple[Quantity, ...] = (
     *(COMPLETED, PACKETS, PACKETS_PER_S, SIZE, BYTES_PER_S, MISSION, COMMANDS_LOST, STATES_LOST, FRAMES_LOST, DELAY),
     FRAMES_PER_CALL,
 )
-"""The rows in which both protocols, or two results, are set beside each other."""
+"""The rows that compare both protocols, or two results."""
 QUANTITIES: tuple[Quantity, ...] = (
     *COMPARED,
     *(RETRANSMITTED, CPU, MEMORY, COMMAND_BYTES, STATE_BYTES_PER_S, COUNTED_BYTES_PER_S, MESSAGES_LOST),
 )
 OF_ATTEMPT = (MISSION, PACKETS, SIZE, COMMANDS_LOST, STATES_LOST, FRAMES_LOST)
-"""What is shown of each attempt in a row."""
+"""The quantities in an attempt's row."""
 SPREAD = (
     *(MISSION, PACKETS, SIZE, PACKETS_PER_S, BYTES_PER_S, COMMANDS_LOST, STATES_LOST, FRAMES_LOST, DELAY),
     *(RETRANSMITTED, CPU, MEMORY),
 )
-"""Those of which `metrics.json` has the points of completed attempts."""
+"""The quantities whose points `metrics.json` has, one per completed attempt."""
 RATIOS = {"packets": PACKETS, "size": SIZE, "mission": MISSION}
-"""What `metrics.json` has of them."""
+"""The ratios in `metrics.json`, by their names there."""
 _LOSSES = {"commands": COMMANDS_LOST, "states": STATES_LOST, "frames": FRAMES_LOST}
 
 
 @dataclass(frozen=True)
 class Row:
-    """A quantity by protocol; `ratio` is MAVLink's over MQTT-XT's, None where there is none to make.
+    """A quantity by protocol; `ratio` is MAVLink's figure over MQTT-XT's, None where there is none.
 
-    `test` is what the paired permutation test says, from six attempts on.
+    `test` is the result of the paired permutation test, from six attempts on.
     """
 
     name: str
@@ -144,18 +144,18 @@ class Row:
 
     @property
     def most(self) -> float:
-        """The largest value in the row, the end of its scale; 0 where it has none."""
+        """The largest value in the row, the end of its scale; 0 without values."""
         scaled = [cell.points for cell in self.cells.values() if cell.loss is None]
         return max((value for points in scaled for value in points), default=0.0)
 
 
 def figure(quantity: Quantity, sides: Sides, protocol: str) -> Figure:
-    """One side's; that of no attempt where the protocol was not flown."""
+    """The figure of one side; if the protocol was not flown, that of a side without attempts."""
     return quantity.figure(sides.get(protocol, NO_SIDE))
 
 
 def row(quantity: Quantity, sides: Sides) -> Row:
-    """A quantity of both sides."""
+    """A quantity's row of both sides."""
     cells = {protocol: quantity.figure(side) for protocol, side in sides.items()}
     test = None if isinstance(quantity, Share) else _test(cells)
     said = f"p {_probability(test['p'])}, effect {test['effect']:.2g}" if test else ""
@@ -163,12 +163,12 @@ def row(quantity: Quantity, sides: Sides) -> Row:
 
 
 def rows(sides: Sides) -> dict[str, Row]:
-    """Every quantity that is compared, by its key."""
+    """The row of every compared quantity, by its key."""
     return {quantity.key: row(quantity, sides) for quantity in COMPARED}
 
 
 def of_attempt(attempt: Attempt) -> dict[str, str]:
-    """By key what an attempt's row says, completed or failed; a share as how many of how many."""
+    """The texts of an attempt's row by key, whether completed or failed; a share as two counts."""
     return {
         one.key: one.together([attempt]).counts if isinstance(one, Share) else one.write(one.of(attempt))
         for one in OF_ATTEMPT
@@ -176,13 +176,13 @@ def of_attempt(attempt: Attempt) -> dict[str, str]:
 
 
 def ratios(sides: Sides) -> dict[str, float]:
-    """As `metrics.json` has them; none where a side has no completed attempt."""
+    """The ratios for `metrics.json`; none where a side has no completed attempt."""
     made = {name: row(quantity, sides).ratio for name, quantity in RATIOS.items()}
     return {name: round(ratio, 4) for name, ratio in made.items() if ratio is not None}
 
 
 def statistics(sides: Sides) -> Statistics:
-    """As `metrics.json` has them: completion, each quantity over attempts, and losses of all attempts together."""
+    """The statistics for `metrics.json`: completion, each quantity over attempts, losses over all attempts together."""
     return {
         "completion": {name: _completion(side) for name, side in sides.items()},
         "metrics": {quantity.key: _spread(quantity, sides) for quantity in SPREAD},
@@ -210,7 +210,7 @@ def _spread(quantity: Quantity, sides: Sides) -> dict[str, SpreadEntry | PairedT
 
 
 def _test(figures: Mapping[str, Figure]) -> PairedTestEntry | None:
-    """Of the attempts that both sides have."""
+    """The paired test over the attempts that both sides have."""
     above, below = (figures[name].by_attempt if name in figures else {} for name in (ABOVE, BELOW))
     return paired_test([above[number] - below[number] for number in sorted(set(above) & set(below))])
 

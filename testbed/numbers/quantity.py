@@ -1,7 +1,7 @@
-"""What a quantity is: how its figure of a side is made of the attempts, and how it is written.
+"""What a quantity is: how a side's figure is made from its attempts, and how it is written.
 
-A figure is the median of the completed attempts, a share is of all of them together; beside a median stand the mean
-and, from six attempts on, the mean's 95 % bootstrap interval, both of the same points.
+A figure is the median of the completed attempts; a share is taken over all of them together. A median comes with the
+mean and, from six attempts on, the mean's 95 % bootstrap interval, both from the same points.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from .observed import NOTHING_SENT, Attempt, Loss, Side
 from .statistics import interval
 
 ABOVE, BELOW = "mavlink", "mqttxt"
-"""A ratio is the one's figure over the other's."""
+"""A ratio is the figure of ABOVE over the figure of BELOW."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A quantity of one side: its text, its value, and each attempt's own by number; `loss` where it is a share."""
+    """A quantity of one side: its text, its value, and each attempt's value by number; `loss` if it is a share."""
 
     text: str
     value: float | None = None
@@ -31,7 +31,7 @@ class Figure:
 
     @classmethod
     def of_loss(cls, loss: Loss, by_attempt: Mapping[int, float] | None = None) -> Figure:
-        """A share of all that was sent: its percent of how many, and where nothing was lost its 95 % bound."""
+        """A share of all that was sent: percent and number sent; where nothing was lost, the 95 % bound."""
         return cls(words.loss(loss.share, loss.known), loss.share, by_attempt or {}, words.share, loss)
 
     @property
@@ -44,12 +44,12 @@ class Figure:
 
     @cached_property
     def interval(self) -> tuple[float, float] | None:
-        """The mean's, at 95 %; None below six attempts."""
+        """The 95 % interval of the mean; None below six attempts."""
         return interval(self.points)
 
     @property
     def brief(self) -> str:
-        """A share where there is little room: '23 %'; where nothing was lost '0 (< 0.44 %)', of very few '0 of 2'."""
+        """A share in little room: '23 %'; if nothing was lost '0 (< 0.44 %)', if nothing of very few '0 of 2'."""
         if self.loss is None or self.loss.share is None:
             return self.text
         if self.loss.lost:
@@ -58,13 +58,13 @@ class Figure:
 
     @property
     def counts(self) -> str:
-        """A share of few, as how many of how many: '191 of 10,182'."""
+        """A share as two counts: '191 of 10,182'."""
         known = self.loss.known if self.loss is not None else 0
         return f"{self.loss.lost:,} of {known:,}" if self.loss is not None and known else words.NOTHING
 
     @property
     def more(self) -> str:
-        """What several attempts say beside the median: 'mean 36.5 s', and from six on 'mean 36.5 s (36.1 s to …)'."""
+        """The mean of several attempts: 'mean 36.5 s', and from six on 'mean 36.5 s (36.1 s to …)'."""
         if self.loss is not None or len(self.points) < 2:
             return ""
         bounds = f" ({' to '.join(map(self.write, self.interval))})" if self.interval else ""
@@ -75,7 +75,7 @@ class Figure:
 class Quantity:
     """A number of each attempt: `key` is its name in `metrics.json`, `name` that in tables.
 
-    Over a side's completed attempts it is their median; with `counted` over all that count, failed ones too.
+    A side's figure is the median of its completed attempts, or with `counted` of all that count, failed ones too.
     """
 
     key: str
@@ -91,13 +91,13 @@ class Quantity:
         return Figure(self.write(middle), middle, points, self.write)
 
     def points(self, side: Side) -> dict[int, float]:
-        """By attempt; a failed one is censored but where it counts: it has no value here."""
+        """The values by attempt number. A failed attempt is censored, that is has no value, except with `counted`."""
         attempts = side.attempts if self.counted else side.completed
         found = ((attempt.number, self.of(attempt)) for attempt in attempts)
         return {number: float(value) for number, value in found if value is not None}
 
     def ratio(self, figures: Mapping[str, Figure]) -> float | None:
-        """MAVLink's over MQTT-XT's; None where one has none, or there is nothing to divide by."""
+        """MAVLink's figure over MQTT-XT's; None where one is missing or the divisor is zero."""
         if not {ABOVE, BELOW} <= set(figures):
             return None
         return quotient(figures[ABOVE].value, figures[BELOW].value)
@@ -105,7 +105,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Share(Quantity):
-    """What was lost, `count` of each attempt: of all attempts together, so many of so many. There is no ratio."""
+    """The share lost: the sum of `count` over all attempts. It has no ratio."""
 
     count: Callable[[Attempt], Loss] = lambda _: NOTHING_SENT
 
@@ -113,7 +113,7 @@ class Share(Quantity):
         return self.together(side.attempts if self.counted else side.completed)
 
     def together(self, attempts: Sequence[Attempt]) -> Figure:
-        """Of these attempts, completed or not."""
+        """The share over these attempts, completed or not."""
         loss = sum((self.count(attempt) for attempt in attempts), NOTHING_SENT)
         points = {attempt.number: share for attempt in attempts if (share := self.count(attempt).share) is not None}
         return Figure.of_loss(loss, points)
@@ -124,7 +124,7 @@ class Share(Quantity):
 
 @dataclass(frozen=True)
 class Completed(Quantity):
-    """How many attempts were completed, of how many that count; with those that are void."""
+    """How many of the attempts that count were completed, and how many are void."""
 
     def figure(self, side: Side) -> Figure:
         voids = f" ({side.void} void)" if side.void else ""
@@ -136,7 +136,7 @@ class Completed(Quantity):
 
 @dataclass(frozen=True)
 class ByCommand(Quantity):
-    """A number of each command: the least and the greatest of the commands' means over attempts."""
+    """A number of each command. The figure is the least and the greatest of the commands' means over attempts."""
 
     values: Callable[[Attempt], Mapping[str, float]] = lambda _: {}
 
@@ -156,5 +156,5 @@ class ByCommand(Quantity):
 
 
 def quotient(above: float | None, below: float | None) -> float | None:
-    """None where one is missing or there is nothing to divide by."""
+    """`above` / `below`; None where one is missing or the divisor is zero."""
     return above / below if above is not None and below else None

@@ -1,4 +1,4 @@
-"""Whether a finding was found again: bootstrap intervals over paired attempts, held to margins written down before."""
+"""Whether a finding is reproduced: bootstrap intervals over paired attempts, against margins fixed beforehand."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .statistics import RESAMPLES, significant
 
 REPRODUCED, NOT_REPRODUCED, UNDECIDED = "reproduced", "not reproduced", "undecided"
 JUDGED: dict[str, Quantity] = {one.key: one for one in (*QUANTITIES, LONGEST_STATE, DOUBLED, LATE, SUCCESS)}
-"""What a line of the table may name; the table's schema has those of them that have a value of each attempt."""
+"""The quantities that a line of the table may name; the table's schema has those with a value for each attempt."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Judged:
-    """A line of the table as it was found; `points` by attempt, `missing` the attempts without a value."""
+    """A line of the table as measured: `points` by attempt, and the attempts without a value in `missing`."""
 
     line: Line
     quantity: Quantity
@@ -40,7 +40,7 @@ class Judged:
 
     @property
     def verdict(self) -> str:
-        """By where the interval lies: inside the margin, outside, or across an edge; without one undecided."""
+        """The verdict: interval inside the margin, outside, or across an edge (undecided, as without an interval)."""
         if self.estimate is None:
             return UNDECIDED
         low, high = self.line.margin
@@ -50,12 +50,12 @@ class Judged:
 
 
 def judge(cell: Cell, sides: Sides, seed: int) -> list[Judged]:
-    """Every line of a cell, by a series' attempts that count."""
+    """Judge every line of a cell by the attempts of a series that count."""
     return [_judged(line, sides, cell.plan.attempts, seed) for line in cell.lines]
 
 
 def verdict_of(judged: Sequence[Judged]) -> str:
-    """Of all lines together: reproduced if every one is, not reproduced if one is not."""
+    """The verdict over all lines: reproduced if every one is, not reproduced if at least one is not."""
     verdicts = {one.verdict for one in judged}
     if NOT_REPRODUCED in verdicts:
         return NOT_REPRODUCED
@@ -63,7 +63,7 @@ def verdict_of(judged: Sequence[Judged]) -> str:
 
 
 def estimate(points: Sequence[float], seed: int, *, ratios: bool = False) -> Estimate | None:
-    """The mean of some attempts, of `ratios` (above 0) the geometric one, and the interval of resampled means.
+    """The mean of the points, geometric for `ratios` (above 0), and the interval of resampled means.
 
     Paired attempts are resampled as pairs: a point is the ratio of both. None below three points.
     """
@@ -79,7 +79,7 @@ def estimate(points: Sequence[float], seed: int, *, ratios: bool = False) -> Est
 
 
 def paired_ratios(above: Mapping[int, float], below: Mapping[int, float]) -> dict[int, float]:
-    """By attempt the one's value over the other's; none where one is missing or zero, of which there is no ratio."""
+    """By attempt the value in `above` over that in `below`; attempts where one is missing or zero are left out."""
     both = sorted(set(above) & set(below))
     return {number: above[number] / below[number] for number in both if above[number] > 0 and below[number] > 0}
 

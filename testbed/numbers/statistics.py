@@ -12,11 +12,11 @@ from .attempt_entry import LossEntry
 from .written import PairedTestEntry
 
 ENOUGH = 6
-"""Attempts from which on there is an interval and a test; below there are points only."""
+"""The least number of attempts for an interval and a test; with fewer there are only points."""
 RESAMPLES = 10_000
 SEED = 20_250_115
 ALL_SIGNS = 14
-"""Up to so many pairs every assignment of signs is tried, above a random choice of RESAMPLES."""
+"""Up to this many pairs every assignment of signs is tried; above it, RESAMPLES random ones."""
 _TINY = 1e-9
 
 
@@ -70,8 +70,8 @@ def _rank_biserial(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
 
 
 def loss_of(sent: int, lost: int, still_open: int = 0) -> LossEntry:
-    """`share` is lost / n, n what was sent but for what is still open; where nothing of it was lost, `below` is 3/n:
-    the rule of three's bound at 95 %."""
+    """A loss: `share` is lost / n, where n is `sent` less `still_open`. If none was lost, `below` is 3/n, the 95 %
+    bound by the rule of three."""
     known = sent - still_open
     return {
         "sent": sent,

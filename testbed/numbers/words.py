@@ -9,7 +9,7 @@ NOTHING = "–"
 
 
 def sides(metrics: Metrics) -> list[tuple[str, SideEntry]]:
-    """The protocols of a series with what was measured of each; always MQTT-XT first."""
+    """The protocols of a series with the measurements of each; always MQTT-XT first."""
     return [(name, metrics["protocols"][name]) for name in in_order(metrics["protocols"])]
 
 
@@ -49,12 +49,12 @@ def milliseconds(value: float | None) -> str:
 
 
 def delay(value: float) -> str:
-    """A tick of a scale of delays, from milliseconds: 0.1 ms, 10 ms, 1 s."""
+    """A tick on a scale of delays, from milliseconds: 0.1 ms, 10 ms, 1 s."""
     return f"{value / 1000:g} s" if value >= 1000 else f"{value:g} ms"
 
 
 def rate(value: float) -> str:
-    """A tick of a scale of bytes a second: 100 B/s, 10 kB/s, 1 MB/s."""
+    """A tick on a scale of bytes per second: 100 B/s, 10 kB/s, 1 MB/s."""
     for unit, size_ in (("GB/s", 1e9), ("MB/s", 1e6), ("kB/s", 1e3)):
         if value >= size_:
             return f"{value / size_:g} {unit}"
@@ -62,7 +62,7 @@ def rate(value: float) -> str:
 
 
 def short(value: float) -> str:
-    """A tick of a scale of counts: 100, 10 k, 1 M."""
+    """A tick on a scale of counts: 100, 10 k, 1 M."""
     for unit, size_ in ((" M", 1e6), (" k", 1e3)):
         if value >= size_:
             return f"{value / size_:g}{unit}"
@@ -75,7 +75,7 @@ def short_delay(value: float) -> str:
 
 
 def bit_rate(value: float) -> str:
-    """A link's rate, from bits a second: 64 kbit/s, 1.45 Mbit/s."""
+    """A link's rate, from bits per second: 64 kbit/s, 1.45 Mbit/s."""
     unit, size_ = ("Gbit/s", 1e9) if value >= 999.5e6 else ("Mbit/s", 1e6) if value >= 999.5e3 else ("kbit/s", 1e3)
     return f"{value / size_:.3g} {unit}"
 
@@ -86,12 +86,12 @@ def share(value: float | None) -> str:
 
 
 def tick_size(value: float) -> str:
-    """A tick of a scale of bytes: 100 B, 10 kB, 1 MB."""
+    """A tick on a scale of bytes: 100 B, 10 kB, 1 MB."""
     return rate(value).removesuffix("/s")
 
 
 def ratio(value: float | None) -> str:
-    """A ratio with the digits that it deserves: 265, 12, 1.6, 1.02, 0.62."""
+    """A ratio with as many digits as are significant: 265, 12, 1.6, 1.02, 0.62."""
     if value is None:
         return NOTHING
     decimals = 0 if value >= 9.95 else 1 if value >= 1.095 else 2
@@ -99,14 +99,14 @@ def ratio(value: float | None) -> str:
 
 
 def times(value: float, what: str) -> str:
-    """A ratio in a sentence: '265 times the packets', and below one '62 % of the packets'."""
+    """A ratio in a sentence: '265 times the packets'; below one, '62 % of the packets'."""
     if value >= 0.995:
         return f"{ratio(value)} times {what}"
     return f"{min(100 * value, 99):.{0 if value >= 0.1 else 1}f} % of {what}"
 
 
 def loss(share: float | None, of: int) -> str:
-    """A loss as percent; none of n is shown with its 95 % bound, below 3/n."""
+    """A loss as percent; where none of n was lost, with its 95 % bound, 3/n."""
     if share is None or of == 0:
         return NOTHING
     if share == 0:

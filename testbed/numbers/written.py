@@ -22,7 +22,7 @@ class SideEntry(TypedDict):
 
 
 class CompletionEntry(TypedDict):
-    """How many attempts ended how."""
+    """The number of attempts by how they ended."""
 
     flown: int
     completed: int
@@ -31,7 +31,7 @@ class CompletionEntry(TypedDict):
 
 
 class SpreadEntry(TypedDict):
-    """A quantity over a side's attempts; `points` are theirs by number."""
+    """A quantity over a side's attempts; `points` are its values by attempt number."""
 
     n: int
     mean: float | None
@@ -50,7 +50,7 @@ class PairedTestEntry(TypedDict):
 
 
 class Statistics(TypedDict):
-    """What the attempts say together; of each of `metrics` there is a spread for each protocol, and a `test`."""
+    """The attempts taken together; each of `metrics` has a spread per protocol, and a `test`."""
 
     completion: dict[str, CompletionEntry]
     metrics: dict[str, dict[str, SpreadEntry | PairedTestEntry | None]]

@@ -1,1 +1,1 @@
-"""What is to be flown: experiments, factors, link profiles, topology, missions of one's own."""
+"""The plan of flights: experiments, factors, link profiles, topology, users' own missions."""

@@ -1,4 +1,4 @@
-"""Real autopilots in the stand-ins' place: which there are, where each is, and whether it can run here."""
+"""Real autopilots in place of the stand-ins: the kinds, where each is found, and whether it can run here."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pathlib import Path
 from ..errors import UserError
 
 DIR, IMAGE = "AUTOPILOT_DIR", "AUTOPILOT_IMAGE"
-"""The settings of compose files and containers: a folder of this machine, or the image that has the autopilot."""
+"""The settings for compose files and containers: a folder on this machine, or the image with the autopilot."""
 _MACHINES = {"x86_64": 62, "aarch64": 183}
-"""ELF's e_machine (System V ABI) by what the kernel calls it."""
+"""ELF's e_machine (System V ABI) by the kernel's name of the machine."""
 _ELF = struct.Struct("<4s14xH")
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of autopilot: a folder that `folder_variable` names, or `folder_in_image` of what `image_variable` does.
+    """A kind of autopilot: in the folder that `folder_variable` names, or in `folder_in_image` of an image.
 
-    `image` is the one that is taken where none is named; None: there is none. `program` and `files` are what has to be
-    in the folder, by their paths.
+    `image_variable` names the image; `image` is its default, None if there is none. `program` and `files` are the paths
+    that the folder must have.
     """
 
     folder_variable: str
@@ -34,7 +34,8 @@ class Kind:
     files: tuple[str, ...]
 
     def settings(self, environment: Mapping[str, str]) -> dict[str, str]:
-        """Where it is. Raises UserError for a folder that is not one of this kind."""
+        """The setting DIR or IMAGE for this environment. Raises UserError for a folder that is not of this kind, or if
+        neither folder nor image is known."""
         named = environment.get(self.folder_variable)
         if not named:
             image = environment.get(self.image_variable) or self.image
@@ -47,7 +48,7 @@ class Kind:
         return {DIR: str(folder)}
 
     def check(self, folder: Path, said: str) -> None:
-        """Raises UserError, which begins with how the folder was named, for one that cannot be run here."""
+        """Raise UserError, beginning with `said`, for a folder whose program cannot run here."""
         if not folder.is_dir():
             raise UserError(f"{said}: expected a folder, with {self.program} in it")
         for name in (self.program, *self.files):
@@ -60,7 +61,7 @@ class Kind:
 
 
 def _check_machine(program: Path, said: str) -> None:
-    """Raises UserError for a program of another machine than this one."""
+    """Raise UserError if the program is built for another kind of machine."""
     with program.open("rb") as file:
         head = file.read(_ELF.size)
     magic, machine = _ELF.unpack(head) if len(head) == _ELF.size else (b"", 0)

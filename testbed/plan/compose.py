@@ -1,4 +1,4 @@
-"""The compose files of a fleet: every node with its network, and what runs on it."""
+"""The compose files of a fleet: every node with its network and its services."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .fleet import AUTOPILOT_PORT, FIRST_PORT, Fleet
 TEMPLATE = Path(__file__).with_name("compose.yaml.jinja")
 COMPOSE_FILE = ROOT / "compose.yaml"
 PROJECT = "mqttxt-testbed"
-"""Compose's name for all that it makes."""
+"""Compose's project name."""
 _SERVICES = "\nservices:\n"
 
 
@@ -24,7 +24,7 @@ def compose_text(fleet: Fleet) -> str:
     environment = Environment(
         loader=FileSystemLoader(TEMPLATE.parent),
         undefined=StrictUndefined,
-        autoescape=False,  # no page: YAML for compose
+        autoescape=False,  # not HTML, but YAML for compose
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -41,9 +41,9 @@ def compose_text(fleet: Fleet) -> str:
 
 
 def laid_over(text: str, fleet: Fleet) -> str:
-    """A compose file that changes the autopilots or the routers of another fleet, for this one.
+    """Rewrite for this fleet a compose file that changes the autopilots or the routers of another one.
 
-    What it says of its first service counts for each of the same kind.
+    The entry of its first service is used for each service of that kind.
     """
     head, _, services = text.partition(_SERVICES)
     first, _, change = services.splitlines()[0].strip().partition(": ")
@@ -54,7 +54,7 @@ def laid_over(text: str, fleet: Fleet) -> str:
 
 
 def read_services(path: Path = COMPOSE_FILE) -> dict[str, Any]:
-    """The services of a compose file by name. Raises UserError where there are none."""
+    """The services of a compose file by name. Raises UserError if it has none."""
     try:
         services: dict[str, Any] = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)["services"]
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:

@@ -1,4 +1,4 @@
-"""Files that people write: YAML, checked against a JSON schema, whose descriptions say what was expected."""
+"""Files that users write: YAML, checked against a JSON schema, whose descriptions say what was expected."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def read_document(path: Path, schema_file: Path) -> dict[str, Any]:
-    """What a file says; all keys are text. Raises UserError naming file, field, value and what was expected."""
+    """Read a file; all keys are text. Raises UserError that names file, field, value and what was expected."""
     try:
         document = _text_keys(yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader))
     except yaml.MarkedYAMLError as error:
@@ -41,7 +41,7 @@ def read_document(path: Path, schema_file: Path) -> dict[str, Any]:
 
 
 def shown(path: Path) -> str:
-    """A path as people type it: from the repository where it is inside."""
+    """A path as one would type it: relative to the repository if it is inside."""
     full = path.resolve()
     return str(full.relative_to(ROOT)) if full.is_relative_to(ROOT) else str(path)
 
@@ -53,11 +53,11 @@ def _schema(path: Path) -> dict[str, Any]:
 
 
 _MERGE = "tag:yaml.org,2002:merge"
-"""`<<: *other`, whose keys those of the mapping itself replace."""
+"""The tag of `<<: *other`; the mapping's own keys replace those of `other`."""
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML in which a key that is there twice is a mistake, not the second one's victory; 1 and '1' are one key."""
+    """A YAML loader that rejects duplicate keys instead of taking the last; 1 and '1' are the same key."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         keys = [str(self.construct_object(key, deep=True)) for key, _ in node.value if key.tag != _MERGE]
@@ -68,7 +68,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def _float(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
-    """`.nan` and `.inf` stay text: a schema's bounds would let NaN pass."""
+    """Keep `.nan` and `.inf` as text: NaN would pass a schema's bounds."""
     number = loader.construct_yaml_float(node)
     return number if math.isfinite(number) else str(node.value)
 
@@ -77,14 +77,14 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _float)
 
 
 def _text_keys(value: Any) -> Any:
-    """Numbers as keys are text, as in JSON: a schema has patterns for text alone."""
+    """Turn keys that are numbers into text, as in JSON: a schema has patterns only for text."""
     if isinstance(value, dict):
         return {str(key): _text_keys(inner) for key, inner in value.items()}
     return [_text_keys(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _said(error: jsonschema.ValidationError, whole: dict[str, Any]) -> str:
-    """Field, value, and what was expected; the schema's own descriptions say the latter."""
+    """An error's field, value, and what was expected, by the schema's own descriptions."""
     place = _field_name(error.absolute_path)
     schema = error.schema if isinstance(error.schema, dict) else {}
     if error.validator == "additionalProperties" and isinstance(error.instance, dict):
@@ -112,7 +112,7 @@ def _value(instance: Any) -> str:
 
 
 def _field_name(path: Any) -> str:
-    """`links.air.up.rate`, `events[0].at`."""
+    """A field's name as `links.air.up.rate`, `events[0].at`."""
     name = ""
     for part in path:
         text = part if not isinstance(part, str) or part.isprintable() else repr(part)

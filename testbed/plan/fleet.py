@@ -1,4 +1,4 @@
-"""A fleet, and what follows from it: nodes, addresses, links, the routers of its MAVLink chains."""
+"""A fleet, and all that is derived from it: nodes, addresses, links, the routers of its MAVLink chains."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from typing import Any
 from .topology import Link, Node, Topology
 
 MOST_DRONES = 250
-"""MAVLink's system ids for vehicles."""
+"""The highest of MAVLink's system ids for vehicles."""
 MOST_ROUTED = 48
-"""Highest number of a drone that has routers: each of its four has a system id of its own, from 1 to 240."""
+"""The highest number of a drone with routers: each of its four has its own system id, from 1 to 240."""
 FIRST_PORT = 14540
-"""UDP port of a shared chain; drone N's own is N more."""
+"""The UDP port of a shared chain; that of drone N's own chain is N more."""
 AUTOPILOT_PORT = 14580
-"""Drone N's autopilot listens at N more."""
+"""Drone N's autopilot listens on this port plus N."""
 HEADQUARTERS = ("gs", "cloud")
-"""The nodes that each fleet has once."""
+"""The nodes that each fleet has exactly once."""
 _NET_HOST, _NODE_HOST = 2, 3
 _LEVELS = ("gs", "cloud", "fog", "uav")
 _LAST_ROUTER_ID, _FEWEST_IDS = 240, 10
-"""MAVSDK is system 245; each level has at least ten ids, so that a small fleet's are easy to read."""
+"""MAVSDK is system 245. Each level has at least ten ids, so that those of a small fleet are easy to read."""
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Fogs with their drones; the first network of each kind of node; and what the file says of each drone.
+    """Fogs with their drones; the first network of each kind of node; and the file's entry of each drone.
 
     fogs            each fog's drones by the fog's number; drones are numbered from 1 to 250
-    networks        of gs and cloud; of fogs, drones and sensors that of number 1, which those of 2, 3, … follow
+    networks        those of gs and cloud; for fogs, drones and sensors that of number 1, followed by those of 2, 3, …
     drones          by number: home, battery and PX4's parameters as the stand-ins take them, endurance_s and point
     parameters      PX4's, for all drones
-    sensor_range_m  metres around its drone's point in which a sensor is heard
+    sensor_range_m  the distance in metres from its drone's point up to which a sensor can be received
     """
 
     fogs: Mapping[int, tuple[int, ...]]
@@ -45,12 +45,12 @@ class Fleet:
 
     @cached_property
     def fog_of(self) -> dict[int, int]:
-        """Each drone's fog; the drones are in their fogs' order."""
+        """Each drone's fog; the drones are in the order of the fogs."""
         return {drone: fog for fog, drones in self.fogs.items() for drone in drones}
 
     @property
     def flown(self) -> str:
-        """Fogs and drones as a mission's option has them: 1:1,2,3;2:4,5,6."""
+        """Fogs and drones for the mission's option: 1:1,2,3;2:4,5,6."""
         return ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in self.fogs.items())
 
     @property
@@ -60,7 +60,7 @@ class Fleet:
         return {fog: drones[:1]}
 
     def nodes(self, *, sensors: bool = False) -> list[str]:
-        """Names in the order in which people think of them, with the sensors' nodes or without."""
+        """The nodes' names from the station outwards, with the sensors' nodes or without."""
         names = [*HEADQUARTERS, *(f"fog{fog}" for fog in self.fogs), *(f"uav{drone}" for drone in self.fog_of)]
         return [*names, *(f"sensor{drone}" for drone in self.fog_of)] if sensors else names
 
@@ -81,7 +81,7 @@ class Fleet:
         return str(self.network(node)[_NET_HOST])
 
     def broker_url(self, node: str, *, secured: bool = False) -> str:
-        """Of the broker on a node, as others reach it; `secured`: in TLS."""
+        """The URL of the broker on a node, as other nodes reach it; `secured`: in TLS."""
         return f"{'mqtts' if secured else 'mqtt'}://{self.address(node)}:{8883 if secured else 1883}"
 
     def topology(self, *, sensors: bool = False) -> Topology:
@@ -110,7 +110,7 @@ class Fleet:
         return (int(node.removeprefix("uav")),)
 
     def towards_station(self, node: str) -> str | None:
-        """The next node on the way from a node to the ground station; None for that itself."""
+        """The next node on the way from a node to the ground station; None for the station itself."""
         if node in HEADQUARTERS:
             return "gs" if node == "cloud" else None
         return "cloud" if node.startswith("fog") else f"fog{self.fog_of[self.behind(node)[0]]}"
@@ -133,7 +133,7 @@ class Fleet:
         return _LAST_ROUTER_ID - each * (len(_LEVELS) - level) + drone
 
     def to_data(self) -> dict[str, Any]:
-        """As the file has it."""
+        """The content of the fleet's file."""
         return {
             "fogs": {fog: list(drones) for fog, drones in self.fogs.items()},
             "addresses": {name: str(network) for name, network in self.networks.items()},

@@ -1,4 +1,4 @@
-"""Which fleet is flown: that of services/fleet.yaml or of another file (FLEET), or so many FOGS and DRONES."""
+"""The fleet to fly: that of services/fleet.yaml or of another file (FLEET), or one with FOGS and DRONES."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from .typed import whole_number
 FLEET_FILE = ROOT / "services" / "fleet.yaml"
 SCHEMA_FILE = ROOT / "services" / "fleet.schema.json"
 _KEPT_FREE = IPv4Network("198.19.255.0/24")
-"""A node asks for the way to an address in it, to see whether it leads over `net` (services/entrypoint)."""
+"""A node looks up the route to an address in it, to check that it leads over `net` (services/entrypoint)."""
 _ROOM = IPv4Network("198.18.0.0/15")
 _APART_M, _A_ROW, _TO_POINT_M = 120.0, 16, 60.0
-"""Further drones stand in rows; each one's point is so far to the north and to the east of it. Sensors reach 50 m."""
+"""Additional drones stand in rows: their distance, drones per row, and how far north and east each one's point is.
+Sensors have a range of 50 m."""
 _NORTH_DEG = 0.003
 _METRES_A_DEGREE = 111_320.0
 
 
 @cache
 def standard_fleet() -> Fleet:
-    """The experiments' fleet, of which compose.yaml is made. Raises UserError as `read_fleet`."""
+    """The experiments' fleet, from which compose.yaml is made. Raises UserError as `read_fleet`."""
     return read_fleet(FLEET_FILE)
 
 
 def read_fleet(path: Path) -> Fleet:
-    """The fleet of a file. Raises UserError naming file, field, value and what was expected."""
+    """Read the fleet of a file. Raises UserError that names file, field, value and what was expected."""
     found = read_document(path, SCHEMA_FILE)
     where = shown(path)
     networks = {}
@@ -44,7 +45,7 @@ def read_fleet(path: Path) -> Fleet:
             networks[name] = IPv4Network(text)
         except ValueError as error:
             raise UserError(f"{where}: addresses.{name}: {text!r}: expected a network ({error})") from error
-    # To a schema 1.0 is an integer, too.
+    # For a schema 1.0 is an integer, too.
     fogs = {int(fog): tuple(map(int, drones)) for fog, drones in found["fogs"].items()}
     drones = {
         int(drone): entry | {"endurance_s": int(entry["endurance_s"])} for drone, entry in found["drones"].items()
@@ -63,10 +64,10 @@ def read_fleet(path: Path) -> Fleet:
 
 
 def fleet_of(environment: Mapping[str, str]) -> Fleet:
-    """The fleet that FLEET, FOGS and DRONES ask for; the experiments' where nothing does.
+    """The fleet that FLEET, FOGS and DRONES ask for; the experiments' fleet if none is set.
 
-    Fogs and drones are numbered from 1; the first fogs have one drone more where they cannot all have as many. Raises
-    UserError naming the variable, its value and what was expected, or as `read_fleet`.
+    Fogs and drones are numbered from 1; the first fogs have one drone more if they cannot all have the same number.
+    Raises UserError that names the variable, its value and what was expected, or as `read_fleet`.
     """
     named = environment.get("FLEET")
     fleet = read_fleet(Path(named).expanduser()) if named else standard_fleet()
@@ -86,7 +87,7 @@ def fleet_of(environment: Mapping[str, str]) -> Fleet:
 
 
 def suffix(environment: Mapping[str, str]) -> str:
-    """What the results' path says of another fleet than the experiments', as `+fogs-3+drones-12`."""
+    """The part of the results' path for another fleet than the experiments', as `+fogs-3+drones-12`; else empty."""
     fleet, named = fleet_of(environment), environment.get("FLEET")
     if fleet == standard_fleet():
         return ""
@@ -94,7 +95,7 @@ def suffix(environment: Mapping[str, str]) -> str:
 
 
 def _further(fleet: Fleet, drone: int) -> dict[str, Any]:
-    """A drone that the file does not have: like one of the file's, in their order, in a place north of all of them."""
+    """A drone that the file does not have: a copy of one of the file's, taken in turn, at a place north of all."""
     known = [fleet.drones[number] for number in sorted(fleet.drones)]
     like = known[(drone - 1) % len(known)]
     places = [place for entry in known for place in (entry, entry["point"])]
@@ -112,7 +113,7 @@ def _place(latitude_deg: float, longitude_deg: float) -> dict[str, float]:
 
 
 def _check_addresses(fleet: Fleet, where: str, expected: str) -> None:
-    """Raises UserError naming the first node whose network is another's as well, or outside of what there is."""
+    """Raise UserError that names the first node whose network overlaps another's, or is outside of `_ROOM`."""
     taken = {_KEPT_FREE: "kept free"}
     for node in fleet.nodes(sensors=True):
         network = fleet.network(node)
@@ -125,7 +126,7 @@ def _check_addresses(fleet: Fleet, where: str, expected: str) -> None:
 
 
 def _check_parameters(parameters: Mapping[str, float], where: str) -> None:
-    """Raises UserError for a parameter that the autopilots' stand-ins do not have, or a value that it cannot take."""
+    """Raise UserError for a parameter that the autopilots' stand-ins do not have, or for a value out of its range."""
     for name, value in parameters.items():
         if name not in SPECS:
             raise UserError(f"{where}.{name}: {value}: unknown parameter: expected one of {', '.join(SPECS)}")

@@ -1,4 +1,4 @@
-"""The headline table: which cells are flown again, and between which margins their figures count as the same."""
+"""The headline table: the cells that are flown again, and the margins in which their figures count as the same."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ HEADLINE = ROOT / "testbed" / "plan" / "headline.yaml"
 SCHEMA_FILE = Path(__file__).with_name("headline.schema.json")
 RATIO = "ratio"
 LEAST_ATTEMPTS = 3
-"""Below so many pairs no line can be decided."""
+"""The least number of pairs with which a line can be decided."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """What is expected of a quantity: `of` both protocols' ratio, or of one; between the edges of `margin`."""
+    """The expected figure of a quantity, `of` RATIO or one protocol, and the edges of its `margin`."""
 
     quantity: str
     of: str
@@ -31,7 +31,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Cell:
-    """A series to be flown, and the lines that it is judged by."""
+    """A series to be flown, and the lines by which it is judged."""
 
     plan: Plan
     lines: tuple[Line, ...]
@@ -43,7 +43,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Headline:
-    """The whole table; `seed` draws the order of the protocols, and the resamples."""
+    """The whole table; the order of the protocols and the resamples are drawn from `seed`."""
 
     path: Path
     attempts: int
@@ -52,9 +52,9 @@ class Headline:
 
 
 def read_headline(path: Path = HEADLINE, attempts: str = "", seed: str = "") -> Headline:
-    """The table of a file; `attempts` and `seed` replace the file's unless they are empty.
+    """Read the table of a file; `attempts` and `seed` replace the file's unless they are empty.
 
-    Raises UserError naming file, field, value and what was expected, or the option.
+    Raises UserError that names file and field, or the option, with its value and what was expected.
     """
     said = read_document(path, SCHEMA_FILE)
     how_often = whole_number("ATTEMPTS", attempts, MOST_ATTEMPTS) if attempts else int(said["attempts"])

@@ -1,5 +1,5 @@
-"""The identities of a fleet that flies with SECURITY=tls or signed: made for one flight, in its containers, and gone
-with them.
+"""The identities of a fleet that flies with SECURITY=tls or signed. They are made for one flight, in its containers,
+and vanish with them.
 """
 
 from __future__ import annotations
@@ -7,10 +7,10 @@ from __future__ import annotations
 from .fleet import Fleet
 
 FOLDER = "/run/fleet/testbed"
-"""The authority's, on a volume in memory that all nodes share; each has its identity in it."""
+"""The authority's folder, on an in-memory volume that all nodes share, with each node's identity in it."""
 STATION = "ops"
 PAGE = "page"
-"""The station that the live page is, where there is one."""
+"""The name of the live page's station."""
 _CLOUD = "/run/fleet/cloud"
 _LISTEN = "0.0.0.0:8883"
 
@@ -21,7 +21,7 @@ def identity_of(name: str) -> str:
 
 
 def station_words(signed: bool) -> list[str]:
-    """The ground station's options."""
+    """The ground station's options for its identity."""
     return ["--identity", identity_of(f"gs-{STATION}"), *(["--signed"] if signed else [])]
 
 
@@ -32,7 +32,7 @@ def client_words() -> str:
 
 
 def secured_settings(fleet: Fleet, *, signed: bool, sensors: bool) -> dict[str, str]:
-    """What compose.yaml's variables are with identities."""
+    """The values of compose.yaml's variables with identities."""
     sign = " --signed" if signed else ""
     own = {f"FOG{fog}_AS": f"--identity {identity_of(f'fog{fog}')}{sign}" for fog in fleet.fogs}
     own |= {
@@ -47,7 +47,7 @@ def secured_settings(fleet: Fleet, *, signed: bool, sensors: bool) -> dict[str, 
 
 
 def making(fleet: Fleet, *, sensors: bool, page: bool = False) -> list[list[str]]:
-    """The commands that make the authority, an identity of each node, and the cloud broker's configuration."""
+    """The commands that make the authority, an identity for each node, and the cloud broker's configuration."""
     drones = ",".join(map(str, fleet.fog_of))
     issued = [["broker", "cloud", "--address", fleet.address("cloud")]]
     issued += [["fog", str(fog), "--address", fleet.address(f"fog{fog}")] for fog in fleet.fogs]

@@ -1,4 +1,4 @@
-"""In which order experiments, arms and profiles are flown and shown: what people ask for first comes first."""
+"""The order in which experiments, arms and profiles are flown and shown: the most wanted ones first."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ FIRST_PROFILES = ("ideal", "thesis", "lte", "lossy")
 
 
 def experiments_in_order(names: Iterable[str]) -> list[str]:
-    """Those of the project as it lists them, then missions of one's own."""
+    """The project's experiments as listed in EXPERIMENTS, then users' own missions."""
     return _sorted(names, tuple(EXPERIMENTS))
 
 
 def arms_in_order(names: Iterable[str]) -> list[str]:
-    """By their presets; an arm with what deviates from it (`thesis+qos-1`) follows the arm."""
+    """Arms in the order of ARMS; an arm with deviating factors (`thesis+qos-1`) follows the arm."""
     return _sorted(names, tuple(ARMS), lambda name: name.partition("+")[0])
 
 
 def profiles_in_order(names: Iterable[str]) -> list[str]:
-    """`FIRST_PROFILES`, then the others by their names."""
+    """`FIRST_PROFILES`, then the others by name."""
     return _sorted(names, FIRST_PROFILES)
 
 

@@ -1,4 +1,4 @@
-"""Compose files that a user lays over compose.yaml: another autopilot (AUTOPILOT), another build of mavp2p (ROUTER)."""
+"""Compose files on top of compose.yaml: another autopilot (AUTOPILOT), another build of mavp2p (ROUTER)."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from .fleet import Fleet
 from .fleets import read_fleet, standard_fleet
 
 FLEET_COPY = "fleet.yaml"
-"""Beside a run's own compose files: what there is to know of another fleet than the experiments'."""
+"""The file of another fleet than the experiments', next to a run's own compose files."""
 OVERRIDES = {
     "AUTOPILOT": {name: ROOT / "services" / "sitl" / "overrides" / f"{name}.yaml" for name in KINDS},
     "ROUTER": {"official": ROOT / "services" / "router" / "overrides" / "official.yaml"},
 }
-"""Variables, their names and what each name stands for; a compose file of one's own is named by its path."""
+"""The files by variable and known value; a user's own compose file is given by its path."""
 
 
 def chosen(environment: Mapping[str, str]) -> dict[str, str]:
-    """What the environment asks for, checked; of an autopilot also where it is.
+    """The checked values of these variables in the environment, and for an autopilot its folder or image.
 
-    Raises UserError for a name, file or folder that is not there.
+    Raises UserError for an unknown name, or a file or folder that does not exist.
     """
     found = {name: environment[name] for name in OVERRIDES if environment.get(name)}
     for name, value in found.items():
@@ -37,7 +37,7 @@ def chosen(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def suffix(settings: Mapping[str, str]) -> str:
-    """What the results' path says of the fleet and of them, as `+autopilot-px4`; a file of one's own by its name."""
+    """The part of the results' path for fleet and overrides, as `+autopilot-px4`; a user's own file by its name."""
     found = [
         fleets.suffix(settings),
         *(f"+{name.lower()}-{Path(settings[name]).stem}" for name in OVERRIDES if settings.get(name)),
@@ -46,9 +46,9 @@ def suffix(settings: Mapping[str, str]) -> str:
 
 
 def compose_files(settings: Mapping[str, str], fleet: Fleet, folder: Path) -> list[Path]:
-    """compose.yaml and what is laid over it, in the order in which compose takes them.
+    """compose.yaml and the files on top of it, in the order for compose.
 
-    For another fleet than the experiments' they are made in `folder`, and what there is to know of it beside them.
+    For another fleet than the experiments' they are made in `folder`, with a copy of the fleet's file (FLEET_COPY).
     """
     laid = [_file(name, settings[name]) for name in OVERRIDES if settings.get(name)]
     if fleet == standard_fleet():
@@ -58,7 +58,7 @@ def compose_files(settings: Mapping[str, str], fleet: Fleet, folder: Path) -> li
     files |= {folder / path.name: laid_over(path.read_text(encoding="utf-8"), fleet) for path in laid if _is_own(path)}
     for path, text in {**files, folder / FLEET_COPY: yaml.safe_dump(fleet.to_data(), sort_keys=False)}.items():
         path.write_text(text, encoding="utf-8")
-        path.chmod(0o644)  # in the containers another user reads it
+        path.chmod(0o644)  # another user reads it in the containers
     return [folder / COMPOSE_FILE.name, *(folder / path.name if _is_own(path) else path for path in laid)]
 
 
@@ -69,14 +69,14 @@ def fleet_in(folder: Path) -> Fleet:
 
 
 def files_of_standard_fleet() -> dict[Path, str]:
-    """What follows from services/fleet.yaml and is kept in the repository."""
+    """The contents of the repository's files that are made from services/fleet.yaml."""
     known = [path for by_name in OVERRIDES.values() for path in by_name.values()]
     laid = {path: laid_over(path.read_text(encoding="utf-8"), standard_fleet()) for path in known}
     return {COMPOSE_FILE: compose_text(standard_fleet()), **laid}
 
 
 def _is_own(path: Path) -> bool:
-    """Whether a file is the project's: another's is taken as it is, for it says itself which services it changes."""
+    """Whether a file is the project's. A user's file is used as it is, since it names the services that it changes."""
     return any(path in known.values() for known in OVERRIDES.values())
 
 

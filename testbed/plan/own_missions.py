@@ -1,4 +1,4 @@
-"""A mission of one's own before anything is started for it: whether its file can be a mission at all."""
+"""Checks the file of a user's own mission before anything is started for it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NAME, _PARAMETERS = "mission", 2
 
 
 def check_mission(path: Path) -> None:
-    """Read the file without running it. Raises UserError naming it, and the line of a mistake in it."""
+    """Check the file without running it. Raises UserError that names it, and the line of a mistake in it."""
     try:
         tree = ast.parse(path.read_bytes(), str(path))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The sensors of scenario 4: where they stand, how far they reach, and their settings."""
+"""The sensors of scenario 4: their places, their range, and their settings."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from .fleet import Fleet
 FOLDER, SERIES = "/run-dir/sensors", "/run-dir/series.json"
 STORE = "/var/lib/mqttxt/sensors"
 SENSOR_PROFILES = ("sensors", "mavlink-sensors")
-"""compose.yaml's profiles of what only runs with sensors."""
+"""The profiles of compose.yaml for services that only run with sensors."""
 
 
 def gates_of(fleet: Fleet) -> tuple[Gate, ...]:
-    """A gate for each drone's sensor, which stands at its point."""
+    """A gate for each drone's sensor, which is at the drone's point."""
     points = {drone: fleet.drones[drone]["point"] for drone in fleet.fog_of}
     return tuple(
         Gate(f"sense:uav{drone}", drone, point["latitude_deg"], point["longitude_deg"], fleet.sensor_range_m)
@@ -24,17 +24,17 @@ def gates_of(fleet: Fleet) -> tuple[Gate, ...]:
 
 
 def closed_links(gates: Sequence[Gate]) -> dict[str, str]:
-    """The links that no probe passes before the drones fly, and why."""
+    """The links that pass no probe before the drones fly, with the reason."""
     return {gate.link: "its drone is out of range" for gate in gates}
 
 
 def sensor_profiles(protocol: str) -> tuple[str, ...]:
-    """The profiles that run beside a protocol's own."""
+    """The profiles that run in addition to a protocol's own."""
     return SENSOR_PROFILES if protocol == "mavlink" else SENSOR_PROFILES[:1]
 
 
 def sensor_settings(fleet: Fleet, protocol: str, samples: int, *, secured: bool = False) -> dict[str, str]:
-    """What compose.yaml's variables are with sensors; `secured`: in TLS."""
+    """The values of compose.yaml's variables with sensors; `secured`: in TLS."""
     listen = f"0.0.0.0:{8883 if secured else 1883}"
     nodes = [f"sensor{drone}" for drone in fleet.fog_of]
     return {
@@ -48,6 +48,6 @@ def sensor_settings(fleet: Fleet, protocol: str, samples: int, *, secured: bool 
 
 
 def sensor_words(fleet: Fleet, protocol: str, samples: int) -> list[str]:
-    """The options of `mission fly` for them."""
+    """The options of `mission fly` for sensors."""
     words = ["--samples", str(samples), "--sensors", FOLDER, "--series", SERIES]
     return [*words, "--sensor-broker", fleet.broker_url("cloud")] if protocol == "mavlink" else words

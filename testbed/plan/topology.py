@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 Names = tuple[int | str, ...]
 LINK_CLASSES = ("wan", "backhaul", "air", "sense")
-"""How the names of links begin, from the ground station outwards."""
+"""The first parts of links' names, from the ground station outwards."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Topology:
-    """Nodes and links, in the order in which people think of them."""
+    """Nodes and links, from the ground station outwards."""
 
     nodes: tuple[Node, ...]
     links: tuple[Link, ...]
@@ -38,7 +38,7 @@ class Topology:
         return next((node.name for node in self.nodes if node.address == address), None)
 
     def link_of(self, source: str, destination: str) -> str | None:
-        """`air:uav1:up` for a pair of neighbours, None for any other pair."""
+        """The directed link between two neighbours, as `air:uav1:up`; None for any other pair."""
         for link in self.links:
             if (source, destination) == (link.lower, link.upper):
                 return f"{link.name}:up"
@@ -48,7 +48,7 @@ class Topology:
 
 
 def place_of_link(name: str) -> tuple[int, Names]:
-    """Where a link or one of its directions comes in a list: wan, backhaul, air, sense; up before down."""
+    """The key that sorts links and their directions: wan, backhaul, air, sense; up before down."""
     kind = name.split(":")[0]
     place = LINK_CLASSES.index(kind) if kind in LINK_CLASSES else len(LINK_CLASSES)
     return place, by_number(name.replace(":down", ":~"))

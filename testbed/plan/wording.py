@@ -1,4 +1,4 @@
-"""Experiments and protocols by their names, and counts in sentences."""
+"""Names of experiments and protocols, and counts in sentences."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ EXPERIMENT_WHAT = {
     "scenario-5": "upload a survey of 100 items, arm, fly it, return and land, all disarmed",
 }
 _ITS_OWN_NAME = re.compile(r"^scenario-\d+ failed: ")
-"""With what the mission begins a reason; where it is shown, the page has this already."""
+"""The prefix of the mission's reasons; the page shows the experiment already."""
 _IN_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
 def name_of(protocol: str) -> str:
-    """As people write it: MQTT-XT, MAVLink."""
+    """A protocol's name in text: MQTT-XT, MAVLink."""
     return PROTOCOL_NAMES.get(protocol, protocol)
 
 
 def short_name(experiment: str, narrow: bool = False) -> str:
-    """An experiment beside others: 'scenario 1', or 'sc. 1' where there is little room."""
+    """An experiment's name among others: 'scenario 1', or with `narrow` 'sc. 1'."""
     return experiment.replace("scenario-", "sc. " if narrow else "scenario ")
 
 
@@ -44,16 +44,16 @@ def fleet(fogs: int, drones: int) -> str:
 
 
 def listed(parts: list[str]) -> str:
-    """'a', 'a and b', 'a, b and c'; nothing of nothing."""
+    """'a', 'a and b', 'a, b and c'; empty without parts."""
     if not parts:
         return ""
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def first_line(reason: str | None, most: int = 120) -> str:
-    """What a reason's first line says, for a sentence; where it is cut it ends in an ellipsis."""
+    """A reason's first line, for use in a sentence; if it is cut, it ends in an ellipsis."""
     line = (reason or "no reason given").strip().splitlines()[0].rstrip()
-    if line.endswith(":"):  # what follows it, as 'its last log lines', is not shown
+    if line.endswith(":"):  # the lines that it announces, as 'its last log lines', are not shown
         line = line[: line.rfind(";")] if ";" in line else line
     line = _ITS_OWN_NAME.sub("", line.rstrip(" :;."))
     if len(line) <= most:

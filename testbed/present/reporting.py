@@ -1,4 +1,4 @@
-"""What follows a flight: its series is measured, its report written, and its summary shown."""
+"""The steps after a flight: measure its series, write its report, and print its summary."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ RESULTS = ROOT / "results"
 
 
 def make_console() -> Console:
-    """The terminal; a file or a pipe is given room for the tables."""
+    """The terminal; for a file or a pipe, wide enough for the tables."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=120)
 
 
 @contextlib.contextmanager
 def reported_without_docker(series: Series, console: Console) -> Iterator[None]:
-    """A Docker that is lost ends a series: what was flown of it is reported, and the DockerError goes on."""
+    """Report the flown part of a series if Docker no longer answers, and raise the DockerError again."""
     try:
         yield
     except DockerError:
@@ -37,9 +37,9 @@ def reported_without_docker(series: Series, console: Console) -> Iterator[None]:
 
 
 def report_series(path: Path, console: Console) -> Metrics:
-    """Metrics, page and figures of a series from its folder alone, and its summary on the terminal.
+    """Make metrics, page and figures of a series from its folder alone, and print its summary.
 
-    Returns the metrics. Raises UserError for a path that is no series, ResultsError for one that cannot be read.
+    Returns the metrics. Raises UserError if the path is no series, ResultsError if it cannot be read.
     """
     series = open_series(path)
     metrics = measure_series(series)
@@ -50,7 +50,7 @@ def report_series(path: Path, console: Console) -> Metrics:
 
 
 def shown_path(target: Path) -> str:
-    """The path of a report as people type it, by `latest` where that is this series."""
+    """The path of a report as one would type it, with `latest` if that is this series."""
     latest = target.parent.parent.parent / "latest"
     if latest.exists() and latest.resolve() == target.parent:
         target = latest / target.name

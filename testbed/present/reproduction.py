@@ -1,4 +1,4 @@
-"""Whether the headline findings were found again: a table on the terminal, `reproduction.json`, and a page."""
+"""Whether the headline findings are reproduced: a table on the terminal, `reproduction.json`, and a page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Flown:
-    """A cell with its series as measured, and its lines as judged."""
+    """A cell with its measured series and its judged lines."""
 
     cell: Cell
     series: Series
@@ -55,40 +55,40 @@ class Flown:
 
 
 def flown_of(cell: Cell, series: Series, metrics: Metrics, seed: int) -> Flown:
-    """A cell judged by its series."""
+    """Judge a cell by its series."""
     return Flown(cell, series, metrics, tuple(judge(cell, observe(metrics["protocols"]), seed)))
 
 
 def verdict(flown: Sequence[Flown]) -> str:
-    """Of all lines of all cells."""
+    """The verdict over all lines of all cells."""
     return verdict_of([one for cell in flown for one in cell.judged])
 
 
 def figure_of(judged: Judged, value: float) -> str:
-    """A value as its line has it: a ratio, or in the quantity's own unit."""
+    """A value as text: a ratio, or in the quantity's own unit, as its line has it."""
     return words.digits(value) if judged.line.of == RATIO else judged.quantity.write(value)
 
 
 def name_of(judged: Judged) -> str:
-    """'bytes: MAVLink's over MQTT-XT's', 'states lost: MAVLink'."""
+    """'bytes: MAVLink over MQTT-XT', 'states lost: MAVLink'."""
     of = judged.line.of
     return f"{judged.quantity.name}: {'MAVLink over MQTT-XT' if of == RATIO else wording.name_of(of)}"
 
 
 def short_name_of(judged: Judged) -> str:
-    """Of a ratio the quantity alone, where all know that it is one."""
+    """The name of a line; for a ratio only the quantity, where that it is a ratio is clear."""
     return judged.quantity.name if judged.line.of == RATIO else name_of(judged)
 
 
 def basis_of(judged: Judged) -> str:
-    """Of how many attempts, and which have no value."""
+    """The number of attempts or pairs behind a line, and the attempts without a value."""
     what = wording.plural(len(judged.points), "pair" if judged.line.of == RATIO else "attempt")
     left_out = ", ".join(map(str, judged.missing))
     return f"{what}, without {left_out}" if judged.missing else what
 
 
 def print_reproduction(headline: Headline, flown: Sequence[Flown], console: Console) -> None:
-    """A table for each cell, then the attempts that do not count, then the verdict."""
+    """Print a table for each cell, then the attempts that do not count, then the verdict."""
     for one in flown:
         table = Table(
             *("", "published", "margin", "found", "95 % interval", "of", "verdict"),
@@ -107,14 +107,17 @@ def print_reproduction(headline: Headline, flown: Sequence[Flown], console: Cons
 
 
 def notes_of(flown: Sequence[Flown]) -> list[str]:
-    """What a reader of the verdict must know: attempts that do not count, and several revisions."""
+    """Notes on the verdict: several revisions, and attempts that do not count."""
     revisions = dict.fromkeys(str(one.metrics["revision"]) for one in flown)
     mixed = [f"flown at several revisions: {', '.join(revisions)}"] if len(revisions) > 1 else []
     return [*mixed, *(said for one in flown for said in (*one.metrics["notes"], *one.uncounted))]
 
 
 def write_reproduction(headline: Headline, flown: Sequence[Flown], folder: Path) -> tuple[Path, Path]:
-    """`reproduction.json`, and a self-contained page with its figure's data and the figure for papers beside it."""
+    """Write `reproduction.json` and a self-contained page, with its figure's data and the figure as PDF next to it.
+
+    Returns the paths of both.
+    """
     document, page = folder / DOCUMENT, folder / PAGE
     write_json(document, to_data(headline, flown))
     figure = margins([(one.cell.name, short_name_of(judged), judged) for one in flown for judged in one.judged])
@@ -141,7 +144,7 @@ def write_reproduction(headline: Headline, flown: Sequence[Flown], folder: Path)
 
 
 def to_data(headline: Headline, flown: Sequence[Flown]) -> dict[str, Any]:
-    """What `reproduction.json` says."""
+    """The content of `reproduction.json`."""
     return {
         "version": VERSION,
         "verdict": verdict(flown),

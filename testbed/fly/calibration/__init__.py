@@ -1,9 +1,9 @@
-"""Calibration: whether the links are what the plan says, probed before a run and counted after it.
+"""Calibration: checks that the links are as planned, by probes before a run and by counters after it.
 
-expected   what probes of a link should find, and how far they may be off it
+expected   the figures that probes of a link should give, and their tolerances
 schedule   plan and topology -> what each node sends, and when
-estimate   what arrived -> delay, jitter, rate
-calibrate  all of it on the nodes, again for what is off -> `Calibration`
+estimate   probes that arrived -> delay, jitter, rate
+calibrate  all of it on the nodes, repeated for figures that are off -> `Calibration`
 losses     after a run: random loss from the shaper's counters
 """
 

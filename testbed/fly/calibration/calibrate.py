@@ -1,4 +1,4 @@
-"""Probes the idle links of a run and sets what was measured beside what was planned."""
+"""Probes the idle links of a run and compares the measurements with the plan."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ VERSION = 1
 FIGURES = ("delay_ms", "jitter_ms", "rate_bps")
 COMMAND = ["/opt/venv/bin/python", "-m", "net.probe"]
 LEAD_S = 2.0
-"""From when the probes are started to when the first one is sent; doubled when one began too late."""
+"""From starting the probes to sending the first one; doubled if one began too late."""
 STARTS = 3
 ROUNDS = 3
-"""A figure that is off is probed again; off three times, it is off. A right one is in 1 of 1e9."""
+"""A figure that is off is probed again; only one that is off three times counts as off. A right one is in 1 of 1e9."""
 RUN_BITS = 31
-"""Of a run's number, the first bytes of each probe: none looks like MAVLink, whose markers are 0xfd and 0xfe."""
+"""Bits of a run's number, which begins each probe, so that none looks like MAVLink (markers 0xfd and 0xfe)."""
 _MS = 1e-3
 RunInNode = Callable[[str, list[str]], str]
 
 
 @dataclass(frozen=True)
 class Check:
-    """One figure of a directed link, configured beside measured; `note` says why it is not probed."""
+    """One figure of a directed link, configured and measured; `note` says why it is not probed."""
 
     link: str
     figure: str
@@ -50,13 +50,13 @@ class Check:
     arrived: int = 0
     sent: int = 0
     missed: int = 0
-    """Frames that the probe at the link's end did not read in time, of any link."""
+    """Frames of any link that the probe at this link's end did not read in time."""
     note: str | None = None
     more: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def off(self) -> str | None:
-        """Why it is not as configured, in one line; None where it is or was not probed."""
+        """Why the figure is not as configured, in one line; None if it is, or if it was not probed."""
         if self.lowest is None or self.highest is None or self.note is not None:
             return None
         if self.measured is not None and self.lowest <= self.measured <= self.highest:
@@ -72,7 +72,7 @@ class Check:
         )
 
     def to_data(self) -> dict[str, Any]:
-        """As calibration.json has it."""
+        """The entry in calibration.json."""
         if self.note is not None:
             return {"configured": self.configured, "measured": None, "note": self.note}
         figures = {"configured": self.configured, "measured": self.measured, "lowest": self.lowest}
@@ -81,7 +81,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Every figure of every directed link; the last round's where one was probed again, and why it was."""
+    """Every figure of every directed link, by the last round that probed it; `again` says why any were probed again."""
 
     profile: str
     checks: tuple[Check, ...]
@@ -91,11 +91,11 @@ class Calibration:
 
     @property
     def off(self) -> tuple[str, ...]:
-        """One line for each figure that is not as configured; empty when all are."""
+        """One line for each figure that is not as configured."""
         return tuple(check.off for check in self.checks if check.off is not None)
 
     def to_data(self) -> dict[str, Any]:
-        """calibration.json."""
+        """The document calibration.json."""
         links: dict[str, dict[str, Any]] = {}
         for check in self.checks:
             links.setdefault(check.link, {})[check.figure] = check.to_data()
@@ -110,11 +110,11 @@ def calibrate(
     closed: Mapping[str, str] | None = None,
     ahead_ns: Mapping[str, int] | None = None,
 ) -> Calibration:
-    """Probe every link with nothing else on it, before any event: about 3 to 11 s, more for what is very slow.
+    """Probe every idle link, before any event: takes about 3 to 11 s, longer for very slow links.
 
-    `run_in_node(node, command)` runs a command on a node and returns what it prints; it is called from threads, once
-    a node at a time. `closed` are links, as sense:uav1, through which nothing goes now, and why.
-    Raises FleetError where a probe cannot be run or cannot begin in time.
+    `run_in_node(node, command)` runs a command on a node and returns its output; it is called from threads, one per
+    node at a time. `closed` has the reasons of links, as sense:uav1, that pass nothing now. `ahead_ns` is by node how
+    far its clock is ahead. Raises FleetError if a probe cannot be run or does not begin in time (ProbesLate).
     """
     began_s = time.monotonic()
     checks: dict[tuple[str, str], Check] = {}
@@ -135,7 +135,7 @@ def calibrate(
 
 @dataclass(frozen=True)
 class Arrivals:
-    """What came of one flow: how many were sent, those that arrived, each once, and what their node missed."""
+    """The result of one flow: probes sent, those that arrived, each once, and how many frames their node missed."""
 
     sent: int
     rows: tuple[Row, ...]
@@ -150,9 +150,9 @@ class Arrivals:
 def run_schedule(
     schedule: Schedule, run_in_node: RunInNode, ahead_ns: Mapping[str, int] | None = None
 ) -> dict[int, Arrivals]:
-    """Carry out a schedule on its nodes; by flow what came. `ahead_ns`: as in `calibrate`.
+    """Carry out a schedule on its nodes; returns the arrivals by flow. `ahead_ns` as in `calibrate`.
 
-    Raises FleetError, of which ProbesLate is one.
+    Raises FleetError, or its subclass ProbesLate if a probe began too late each time.
     """
     if not schedule.flows:
         return {}
@@ -206,7 +206,7 @@ def _arrivals(
 
 
 def checks_of(plan: LinksPlan, schedule: Schedule, arrived: Mapping[int, Arrivals], only: Iterable[str]) -> list[Check]:
-    """Every figure of the links in `only`."""
+    """Check every figure of the links in `only`."""
     flows = {(flow.link, flow.purpose): flow for flow in schedule.flows}
     found: list[Check] = []
     for name in plan.links:
@@ -259,7 +259,7 @@ def _rate_check(link: LinkPlan, flow: Flow, came: Arrivals) -> Check:
 
 
 def _slope_error(link: LinkPlan, lasts_s: float) -> float:
-    """By how much jitter moves the slope of arrivals over so long, as a share."""
+    """The relative error that jitter causes in the slope of arrivals over `lasts_s`."""
     jitter_s = link.jitter_us / 1e6
     if not jitter_s:
         return 0.0
@@ -268,7 +268,7 @@ def _slope_error(link: LinkPlan, lasts_s: float) -> float:
 
 
 def _enough(link: LinkPlan, came: Arrivals) -> bool:
-    """Whether at least half of the probes arrived that should."""
+    """Whether at least half of the expected probes arrived."""
     return len(came.rows) >= came.sent * arriving(link) / 2
 
 

@@ -1,8 +1,8 @@
-"""How far the clocks of several machines are apart, and how long the way to each takes past all links.
+"""Measures how far the clocks of several machines are apart, and the round trip to each besides all links.
 
-Datagrams go from `net` to a node of each machine and back, by a way that nothing shapes. What both ways take together
-is the overlay's and the two kernels'. Half of the difference between the fastest of either is how far the node's clock
-is ahead of `net`'s; that is exact to half of the way's time.
+`net` and a node of each machine send each other datagrams over a path that nothing shapes. The round trip is the time
+of the overlay and the two kernels. Half of the difference between the fastest datagrams of the two directions is how
+far the node's clock is ahead of that of `net`, with an uncertainty of half the round trip.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FURTHEST_MS = 50.0
 
 @dataclass(frozen=True)
 class Way:
-    """The way from `net` to a machine's nodes and back, and how far its clock is ahead; in ms, None where none came."""
+    """The round trip from `net` to a machine's nodes, and how far its clock is ahead; ms, None if no probe arrived."""
 
     machine: str
     nodes: tuple[str, ...]
@@ -34,7 +34,7 @@ class Way:
 
     @property
     def off(self) -> str | None:
-        """Why nothing can be measured there, None where it can."""
+        """Why nothing can be measured on this machine; None if it can."""
         if self.ahead_ms is None:
             return f"{self.machine}: no datagram came from {self.nodes[0]} to net or back"
         if abs(self.ahead_ms) > FURTHEST_MS:
@@ -43,14 +43,14 @@ class Way:
         return None
 
     def to_data(self) -> dict[str, Any]:
-        """As a manifest has it."""
+        """The entry in a manifest."""
         return asdict(self)
 
 
 def measure_ways(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNode) -> tuple[Way, ...]:
-    """This machine's first, for comparison, then those of `machines`; none where these are none. About 2 s.
+    """Measure the way to this machine, for comparison, then to each of `machines`; empty without any. Takes about 2 s.
 
-    Raises FleetError where a probe cannot be run or begin in time.
+    Raises FleetError if a probe cannot be run or does not begin in time.
     """
     if not machines:
         return ()
@@ -71,7 +71,7 @@ def measure_ways(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNo
 
 
 def ahead_ns(ways: Sequence[Way]) -> Mapping[str, int]:
-    """By node how far its clock is ahead of that of `net`."""
+    """By node how far its clock is ahead of that of `net`, ns."""
     return {node: round((way.ahead_ms or 0.0) * 1e6) for way in ways for node in way.nodes}
 
 

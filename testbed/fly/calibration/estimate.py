@@ -1,4 +1,4 @@
-"""From probes that arrived to a link's figures."""
+"""Computes a link's figures from the probes that arrived."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from .expected import SHARE
 
 FEWEST = 5
-"""Fewer than that say nothing."""
+"""The least number of probes for a figure."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Row:
 
 @dataclass(frozen=True)
 class DelayFigures:
-    """One way, in ms, without the time that sending the probe takes. `middle` is the mean of the middle 80 %."""
+    """One-way delays in ms, without the time of sending the probe. `middle` is the mean of the middle 80 %."""
 
     median_ms: float
     mean_ms: float
@@ -35,7 +35,7 @@ class DelayFigures:
 
 
 def first_copies(rows: Iterable[Row]) -> list[Row]:
-    """Each probe once, as it came first, in the order of their numbers."""
+    """The first copy of each probe, sorted by number."""
     found: dict[int, Row] = {}
     for row in rows:
         known = found.get(row.number)
@@ -45,7 +45,7 @@ def first_copies(rows: Iterable[Row]) -> list[Row]:
 
 
 def delay_figures(rows: Sequence[Row], sending_ms: float) -> DelayFigures | None:
-    """None where too few arrived."""
+    """The delay figures of probes; None if too few arrived."""
     if len(rows) < FEWEST:
         return None
     delays = np.sort(np.array([(row.received_ns - row.sent_ns) / 1e6 for row in rows]) - sending_ms)
@@ -62,11 +62,11 @@ def delay_figures(rows: Sequence[Row], sending_ms: float) -> DelayFigures | None
 
 
 def rate_when_overfilled(rows: Sequence[Row], burst: int, frame_bytes: int, arriving: float) -> float | None:
-    """Bits a second at which a link with a full queue let frames in, off the times when those that arrived were sent.
+    """The rate in bit/s at which a link with a full queue accepted frames, by the send times of those that arrived.
 
-    From the last frame of the `burst` that filled the queue to the last of all: at both ends it is full, whatever
-    pauses the sender made between, as long as it did not run empty. A regression would take what a sender catches up
-    with for rate. `arriving` is the share that neither loss nor corruption takes.
+    It is taken from the last frame of the `burst` that filled the queue to the last frame of all. At both the queue is
+    full, whatever pauses the sender made in between, unless it ran empty. A regression would count the frames with
+    which a sender catches up as rate. `arriving` is the share of frames that are neither lost nor corrupted.
     """
     first = max((row for row in rows if row.number < burst), key=_number, default=None)
     paced = [row for row in rows if row.number >= burst]
@@ -77,9 +77,9 @@ def rate_when_overfilled(rows: Sequence[Row], burst: int, frame_bytes: int, arri
 
 
 def rate_when_received(rows: Sequence[Row], frame_bytes: int) -> float | None:
-    """Bits a second, off the times of arrival of frames that wait for the rate one behind the other.
+    """The rate in bit/s, by the arrival times of frames that were queued one after the other.
 
-    A number that is missing was lost after it had been sent: it has used the rate.
+    A missing number was lost after it had been sent, so it has used the rate.
     """
     if len(rows) < FEWEST or np.ptp([row.received_ns for row in rows]) <= 0:
         return None

@@ -1,12 +1,12 @@
-"""What probes of a link should find, and how far a right link may be off it.
+"""The figures that probes of a link should give, and how far a right link may be off them.
 
-Delays are compared by the mean of their middle 80 % and jitter by the span of it, as a busy machine delays single
-probes by tens of milliseconds, which would move a mean and blow up a deviation.
+Delays are compared by the mean of their middle 80 %, and jitter by the span of it: a busy machine delays single probes
+by tens of milliseconds, which would shift a mean and inflate a deviation.
 
 Jitter that keeps order is a slow process: the emulator's value at an instant follows from two independent ones at the
-ends of a slot of 5 jitters (10 for Pareto). Each of those weighs 4/pi slots in a mean over time, so that a mean over
-many slots varies as that of (pi/4)^2 = 0.62 independent values a slot. netem draws a value for every frame: there the
-tolerances are wider than they have to be.
+ends of a slot of 5 jitters (10 for Pareto). Each of those weighs 4/pi slots in a mean over time, so a mean over many
+slots varies as that of (pi/4)^2 = 0.62 independent values per slot. netem draws a value for every frame; for it the
+tolerances are wider than necessary.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from net.link_plan import SLOT_JITTERS, LinkPlan
 
 WIDTH = 3.29
-"""Standard errors to each side: 99.9 % of right links are within, so that one figure in a thousand is probed again."""
+"""Standard errors to each side: 99.9 % of right figures are within, so one in a thousand is probed again needlessly."""
 SHARE = 0.1
-"""What is left out at each end."""
+"""The share of delays that is left out at each end."""
 EARLY_MS, LATE_MS, RELATIVE = 0.3, 2.0, 0.01
-"""Beyond chance: a frame does not leave early, a busy machine lets it go late, and clocks and rounding."""
+"""Tolerances beyond chance: early (no frame should leave early), late (a busy machine delays frames), and as a share
+(clocks and rounding)."""
 VALUES_A_SLOT = (math.pi / 4) ** 2
 _POINTS = 4_000
 _WIDEST = 4.0
@@ -35,7 +36,7 @@ _STEP = 0.05
 
 @dataclass(frozen=True)
 class Interval:
-    """What is expected, and what is still taken for it."""
+    """The expected value, and the bounds within which a measurement is accepted."""
 
     expected: float
     lowest: float
@@ -47,7 +48,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Delays:
-    """The distribution of a link's delays in ms; what takes its time to be sent is not in it."""
+    """The distribution of a link's delays in ms, without the time of sending a frame at the link's rate."""
 
     link: LinkPlan
 
@@ -60,14 +61,14 @@ class Delays:
         return np.sort(values)
 
     def independent(self, probes: float, seconds: float) -> float:
-        """How many independent values so many probes over so many seconds are worth; no fewer than 2."""
+        """How many independent values a number of probes over a number of seconds stand for; at least 2."""
         if self.link.reordering or not self.link.jitter_us:
             return max(2.0, probes)
         slots = seconds / (SLOT_JITTERS[self.link.distribution] * self.link.jitter_us / 1e6)
         return max(2.0, min(probes, VALUES_A_SLOT * slots))
 
     def middle_ms(self, probes: float, seconds: float) -> Interval:
-        """For the mean of the middle 80 %."""
+        """The interval for the mean of the middle 80 %."""
         low, high = (int(_POINTS * share) for share in (SHARE, 1 - SHARE))
         expected = float(self._values[low:high].mean())
         chance = WIDTH * float(self._values.std()) * 1.03 / math.sqrt(self.independent(probes, seconds))
@@ -76,11 +77,11 @@ class Delays:
 
     @property
     def span_ms(self) -> float:
-        """From 10 % to 90 %."""
+        """The span from the 10 % to the 90 % quantile."""
         return self._at(1 - SHARE) - self._at(SHARE)
 
     def jitter_ms(self, probes: float, seconds: float) -> Interval:
-        """For the jitter that the span stands for."""
+        """The interval for the jitter, which is derived from the span."""
         jitter_ms = self.link.jitter_us / 1e3
         if not self.span_ms:
             return Interval(jitter_ms, 0.0, LATE_MS)
@@ -91,7 +92,7 @@ class Delays:
         return Interval(jitter_ms, jitter_ms / factor - EARLY_MS, jitter_ms * factor + LATE_MS)
 
     def jitter_of(self, span_ms: float) -> float:
-        """The jitter that a measured span stands for; of a link without, the deviation of a normal distribution."""
+        """The jitter for a measured span; for a link without jitter the deviation of a normal distribution."""
         if self.span_ms:
             return span_ms * self.link.jitter_us / 1e3 / self.span_ms
         return span_ms / (2 * NormalDist().inv_cdf(1 - SHARE))
@@ -105,9 +106,10 @@ class Delays:
 
 
 def rate_bps(link: LinkPlan, frames: int, seconds: float, chance: float = 0.0) -> Interval:
-    """For a rate that is read off about so many frames; `chance` is the standard error of jitter, as a share.
+    """The interval for a rate that is measured with about `frames` frames in `seconds`.
 
-    2 %, two frames and a busy machine's 2 ms at the two ends, and the frames that get lost.
+    It allows for 2 %, two frames, a busy machine's 2 ms at the ends, the lost frames, and `chance`, the relative
+    standard error caused by jitter.
     """
     rate = float(link.rate_bps or 0)
     share = arriving(link)
@@ -117,12 +119,12 @@ def rate_bps(link: LinkPlan, frames: int, seconds: float, chance: float = 0.0) -
 
 
 def arriving(link: LinkPlan) -> float:
-    """The share of probes that arrive: a turned bit fails the checksum of UDP or of IP."""
+    """The share of probes that arrive: one with a flipped bit fails the checksum of UDP or of IP."""
     return (1 - link.loss) * (1 - link.corrupt)
 
 
 def _quantile(distribution: str, share: float) -> float:
-    """In jitters, as netem's tables have it (iproute2, netem/normal.c and pareto.c, shape 3), cut at 4."""
+    """A quantile in jitters, as in netem's tables (iproute2, netem/normal.c and pareto.c, shape 3), cut off at 4."""
     if distribution == "uniform":
         return 2 * share - 1
     if distribution == "pareto":

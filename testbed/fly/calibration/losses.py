@@ -1,10 +1,10 @@
 """After a run: random loss of every link, from the shaper's counters.
 
-Each frame that reaches a link's loss is lost by itself with the planned probability, so that the count of those lost
-is binomial. It has to lie in the central interval that holds 99.9 % of such counts for **all links of a run together**:
-of m links each may be outside with a probability of 0.001/m (Bonferroni). With an interval of 99.9 % for each of 12
+Each frame that reaches a link's loss is lost independently with the planned probability, so the number of lost frames
+is binomial. It must lie in the central interval that has 99.9 % of such counts for **all links of a run together**:
+each of m links may be outside with a probability of 0.001/m (Bonferroni). With an interval of 99.9 % for each of 12
 lossy links, one run in 84 would be void although its links are right, one pair of attempts in 42; so it is one in
-1,000. It costs little: with 12 links an interval of 3.9 instead of 3.3 standard errors to each side.
+1,000. That costs little: with 12 links an interval of 3.9 instead of 3.3 standard errors to each side.
 
 The interval is exact: the binomial distribution's quantiles, summed from its terms (Johnson, Kemp, Kotz: Univariate
 Discrete Distributions, 3.2), not the normal approximation, which is wrong where few frames are lost.
@@ -20,12 +20,12 @@ from typing import Any
 from ...plan.profiles.resolve import LinksPlan
 
 OUTSIDE = 0.001
-"""How often the right links of a run are outside, any of them."""
+"""The probability that any link of a run is outside although all are right."""
 
 
 @dataclass(frozen=True)
 class Loss:
-    """Frames lost at random of those that could be; `note` says why a link is not judged."""
+    """A link's random loss: `lost` of the `frames` that could be lost; `note` says why the link is not judged."""
 
     link: str
     configured: float
@@ -37,12 +37,12 @@ class Loss:
 
     @property
     def measured(self) -> float | None:
-        """A share; None without a frame."""
+        """The share lost; None without frames."""
         return self.lost / self.frames if self.lost is not None and self.frames else None
 
     @property
     def off(self) -> str | None:
-        """Why the link is not as planned, in one line; None where it is, or where it is not judged."""
+        """Why the link is not as planned, in one line; None if it is, or if it is not judged."""
         if self.lost is None or self.lowest is None or self.highest is None:
             return None
         if self.lowest <= self.lost <= self.highest:
@@ -53,21 +53,21 @@ class Loss:
         )
 
     def to_data(self) -> dict[str, Any]:
-        """As calibration.json has it."""
+        """The entry in calibration.json."""
         return {"configured": self.configured, "measured": self.measured, **asdict(self)}
 
 
 def check_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[str, ...]:
-    """One line for each link whose random loss is not as planned; empty when all are."""
+    """One line for each link whose random loss is not as planned."""
     return tuple(loss.off for loss in measure_losses(plan, counters, changed) if loss.off is not None)
 
 
 def measure_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[Loss, ...]:
-    """Every link of the plan. `counters` is counters.json; `changed` are links that were changed by hand.
+    """The random loss of every link of the plan. `counters` is counters.json; `changed` are links changed by hand.
 
-    Not judged are links whose loss an event or a person changes: which frames met which loss is not counted. Frames
-    that a closed link refused or a full queue dropped could not be lost at random, and do not count. Copies do: they
-    are lost by themselves.
+    Links whose loss an event or a person changes are not judged: it is not counted which frames met which loss. Frames
+    that a closed link refused or a full queue dropped could not be lost at random, and do not count. Copies do: each is
+    lost independently.
     """
     found = counters["links"]
     eventful = {event.link for event in plan.events if "loss" in event.change}
@@ -98,7 +98,7 @@ def binomial_interval(trials: int, share: float, outside: float) -> tuple[int, i
 
 
 def _lowest(trials: int, share: float, tail: float) -> int:
-    """The lowest count k with P(X <= k) > tail. Below the first term that counts, all are too small to add up."""
+    """The lowest count k with P(X <= k) > tail. The terms below the first one taken are too small to matter."""
     mean, deviation = trials * share, math.sqrt(trials * share * (1 - share))
     begin = max(0, math.floor(mean - 12 * deviation - 12))
     below = 0.0

@@ -1,4 +1,4 @@
-"""Links as measured, for people: of each class and direction the link that is furthest off, configured beside measured.
+"""The table of measured links: for each class and direction the worst link, with configured and measured figures.
 
 `python -m testbed.fly.calibration.table results/links/latest/links.json docs/links-measured.md` puts the table of saved
 checks, one file or more, between the page's markers.
@@ -21,7 +21,7 @@ FIGURES = ("delay_ms", "jitter_ms", "rate_bps", "loss")
 
 
 def rows_of(profile: str, links: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """A row for each class and direction; each figure is that of its worst link, in itself."""
+    """A row for each class and direction; each figure is that of the link that is furthest off in it."""
     groups: dict[str, list[str]] = {}
     for name in links:
         groups.setdefault(f"{name.partition(':')[0]} {name.rpartition(':')[2]}", []).append(name)
@@ -30,18 +30,18 @@ def rows_of(profile: str, links: Mapping[str, Mapping[str, Any]]) -> Iterator[tu
 
 
 def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """As the page has it."""
+    """The table in Markdown."""
     lines = [HEAD, ["---"] * len(HEAD), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def document_rows(document: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Every profile of a saved check."""
+    """The rows of every profile in a saved check."""
     return [row for name, found in document["profiles"].items() for row in rows_of(name, found["links"])]
 
 
 def write_into(page: Path, table: str) -> None:
-    """Between the markers. Raises ValueError where there are none."""
+    """Put the table between the page's markers. Raises ValueError unless the page has them once."""
     block = re.compile(f"{re.escape(BEGIN)}\n.*?{re.escape(END)}", re.DOTALL)
     text, found = block.subn(lambda _: f"{BEGIN}\n{table}\n{END}", page.read_text(encoding="utf-8"))
     if found != 1:
@@ -58,7 +58,7 @@ def _cell(figure: str, found: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _distance(found: Mapping[str, Any]) -> float:
-    """From the middle of what is tolerated, in halves of its width."""
+    """The distance from the middle of the tolerated interval, in halves of its width."""
     low, high = found["lowest"], found["highest"]
     value = found["lost"] if "lost" in found else found["measured"]
     return float(abs(value - (low + high) / 2) / max(1e-9, (high - low) / 2))

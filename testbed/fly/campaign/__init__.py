@@ -1,1 +1,1 @@
-"""All experiments in all arms on all profiles, as one run that can be broken off and gone on with."""
+"""All experiments in all arms on all profiles, as one run that can be interrupted and resumed."""

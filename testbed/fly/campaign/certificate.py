@@ -1,6 +1,6 @@
-"""The campaign's certificate: one file for all machines of a campaign, by which scheduler and workers know each other.
+"""The campaign's certificate: one file on all its machines, with which scheduler and workers authenticate each other.
 
-Whoever has it can run any program on these machines, so it is a secret.
+It is a secret: anyone who has it can run any program on these machines.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ADDRESS = re.compile(r"tls://(\[[0-9a-fA-F:]+\]|[A-Za-z0-9._-]+):\d{1,5}")
 
 
 def make_certificate(path: Path) -> None:
-    """Key and certificate in a new file that its owner alone can read; valid for a year."""
+    """Write key and certificate, valid for a year, into a new file that only its owner can read."""
     made = Security.temporary()
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -34,7 +34,8 @@ def make_certificate(path: Path) -> None:
 
 
 def security_of(path: Path) -> Security:
-    """Dask's TLS with a campaign's certificate, for every role. Raises UserError for a file that is none."""
+    """Dask's TLS with a campaign's certificate, for every role. Raises UserError if the file is not such, is readable
+    by others, or has expired."""
     expected = "expected the campaign's certificate, as `make certificate` makes it; the same on every machine"
     try:
         text = path.read_bytes()
@@ -52,7 +53,7 @@ def security_of(path: Path) -> Security:
 
 
 def check_scheduler(address: str, security: Security) -> None:
-    """Raises UserError where no scheduler with this certificate answers at an address."""
+    """Raise UserError if no scheduler with this certificate answers at the address."""
     if not _ADDRESS.fullmatch(address):
         raise UserError(f"SCHEDULER={address}: expected tls://HOST:PORT, as `make scheduler` prints it")
     try:

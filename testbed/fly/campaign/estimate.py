@@ -1,4 +1,4 @@
-"""How long attempts take: as those took that were flown here, else as long as their experiment does by its nature."""
+"""Estimates how long attempts take: as long as the attempts flown here, else the experiment's nominal time."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ NOMINAL_S = {
     **{"scenario-1": 80.0, "scenario-2": 150.0, "scenario-3": 65.0, "scenario-4": 190.0, "scenario-5": 260.0},
     MESSAGES: 60.0,
 }
-"""An attempt with starting and ending its fleet; a mission of one's own as scenario 2."""
+"""The time of an attempt, with starting and ending its fleet; one's own missions count as scenario 2."""
 NOMINAL_MESSAGE_S = 18.0
-"""One message of each of the ten kinds."""
+"""The time of one message of each of the ten kinds."""
 UPKEEP_S = 40.0
-"""Starting and ending a fleet, where an attempt only says how long its mission took."""
+"""The time of starting and ending a fleet, for attempts that recorded only the time of their mission."""
 
 
 class Durations:
-    """What attempts of a results folder took, by experiment, protocol and how many values or messages there were."""
+    """How long the attempts of a results folder took, by experiment, protocol and number of samples or messages."""
 
     def __init__(self, root: Path) -> None:
         took: dict[tuple[str, str, str], list[float]] = defaultdict(list)
@@ -42,7 +42,7 @@ class Durations:
         self._middle = {key: median(values) for key, values in took.items()}
 
     def of(self, plan: Plan, protocol: str) -> float:
-        """Seconds that an attempt takes."""
+        """The seconds that an attempt takes."""
         known = self._middle.get((plan.experiment, protocol, amount_of(plan)))
         if known is not None:
             return known

@@ -1,4 +1,4 @@
-"""A series on its way from the machine that flew it into the campaign's results folder: whole, or not at all."""
+"""Moves a series from the machine that flew it into the campaign's results folder, completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ..results import Series, point_latest
 
 CHUNK = 4 * 2**20
 INCOMING = ".incoming"
-"""Where in a results folder series are until they are whole."""
+"""The folder within a results folder for series that are not complete yet."""
 
 
 @dataclass(frozen=True)
 class Arrived:
-    """A series that is in the campaign's results folder, whole.
+    """A complete series in the campaign's results folder.
 
-    `series` is its path below that folder, `troubles` a line for each number that was given up.
+    `series` is its path below that folder, `troubles` has a line for each number that was given up.
     """
 
     series: str
@@ -42,13 +42,13 @@ class File:
 
 
 def files_of(folder: Path) -> tuple[File, ...]:
-    """Every regular file below a folder, by its path."""
+    """Every regular file below a folder, sorted by path."""
     found = sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
     return tuple(File(path.relative_to(folder).as_posix(), path.stat().st_size, _sha256(path)) for path in found)
 
 
 class Receiver(Protocol):
-    """Where a series is pushed to, as a sender sees a `Store`."""
+    """A `Store` as the sender of a series sees it."""
 
     def there(self, name: str) -> Arrived | None: ...
     def begin(self, series: str, files: tuple[File, ...]) -> str: ...
@@ -57,10 +57,10 @@ class Receiver(Protocol):
 
 
 class Store:
-    """Takes series into a results folder. Each campaign has its own, and what a broken-off one left goes.
+    """Takes series into a results folder. Each campaign has its own; it removes what an interrupted one left behind.
 
-    `name` says which of the campaign's series it is: the first that is whole counts, a second one is dropped. So a
-    machine that was given up, and comes back with what was flown elsewhere meanwhile, adds nothing.
+    `name` identifies a series of the campaign: the first complete one counts, later ones are dropped. So a machine
+    that was given up and returns with a series that was flown elsewhere meanwhile adds nothing.
     """
 
     def __init__(self, root: Path) -> None:
@@ -71,11 +71,11 @@ class Store:
         shutil.rmtree(root / INCOMING, ignore_errors=True)
 
     def there(self, name: str) -> Arrived | None:
-        """What has arrived under a name."""
+        """The series that has arrived under a name, if any."""
         return self._there.get(name)
 
     def begin(self, series: str, files: tuple[File, ...]) -> str:
-        """An empty place for these files of a series; returns what the calls that follow name it by."""
+        """Announce a series' files; returns the token for the calls that follow. Raises ResultsError for a wrong path."""
         if not _is_a_series(series):
             raise ResultsError(f"pushed: {series!r}: expected EXPERIMENT/ARM-PROFILE/TIME")
         wrong = [file.path for file in files if not _is_below(file.path)]
@@ -88,7 +88,7 @@ class Store:
         return token
 
     def put(self, token: str, path: str, offset: int, data: bytes) -> None:
-        """A part of a file; the same part twice is the same as once."""
+        """Write a part of a file; repeating a part is harmless. Raises ResultsError for one that was not announced."""
         file = self._announced[token][1].get(path)
         if file is None or offset + len(data) > file.size:
             raise ResultsError(f"pushed: {path}, {offset} to {offset + len(data)}: not in what was announced")
@@ -99,9 +99,9 @@ class Store:
             out.write(data)
 
     def finish(self, token: str, name: str, machine: str, troubles: tuple[str, ...]) -> Arrived:
-        """Put the series into its place, if every file is as announced; returns what has arrived under the name.
+        """Put the series into its place if every file is as announced; returns the series that arrived under the name.
 
-        Raises ResultsError for the first file that is not; the series is dropped then.
+        Raises ResultsError for the first file that is not as announced; the series is then dropped.
         """
         staged = self._root / INCOMING / token
         series, files = self._announced.pop(token)
@@ -119,7 +119,7 @@ class Store:
 
 
 def push(series: Series, root: Path, name: str, machine: str, troubles: Sequence[str], store: Receiver) -> Arrived:
-    """Push a series that is below `root`; returns what has arrived under the name, of this machine or another."""
+    """Push a series that is below `root`; returns the one that arrived under the name, from this machine or another."""
     files = files_of(series.path)
     token = store.begin(series.path.relative_to(root).as_posix(), files)
     for file in files:
@@ -129,7 +129,7 @@ def push(series: Series, root: Path, name: str, machine: str, troubles: Sequence
 
 
 def remove(series: Series, root: Path) -> None:
-    """Remove a series that was pushed: at first from where it could be gone on with."""
+    """Remove a series that was pushed; it is first moved to where no run resumes it."""
     gone = root / ".pushed"
     gone.mkdir(exist_ok=True)
     series.path.rename(gone / series.path.name)
@@ -137,7 +137,7 @@ def remove(series: Series, root: Path) -> None:
 
 
 def _put_in_place(staged: Path, target: Path) -> Series:
-    """Under its name, or with a suffix where another machine's began in the same second."""
+    """Move a series to its name, with a suffix if another machine's began in the same second."""
     target.parent.mkdir(parents=True, exist_ok=True)
     for suffix in ("", *(f"-{n}" for n in range(2, 100))):
         path = target.with_name(f"{target.name}{suffix}")
@@ -148,10 +148,10 @@ def _put_in_place(staged: Path, target: Path) -> Series:
 
 
 def _check(staged: Path, expected: Mapping[str, File]) -> None:
-    """Raises ResultsError for the first file that is not as announced. Those that are, are on the disk."""
+    """Raise ResultsError for the first file that is not as announced; flush the others to disk."""
     for path, file in expected.items():
         target = staged / path
-        if file.size == 0:  # of which there is no part
+        if file.size == 0:  # of an empty file no part was sent
             target.parent.mkdir(parents=True, exist_ok=True)
             target.touch()
         if not target.is_file() or target.stat().st_size != file.size or _sha256(target) != file.sha256:
@@ -174,7 +174,7 @@ def _sha256(path: Path) -> str:
 
 
 def _is_a_series(path: str) -> bool:
-    """Whether a series may have a path below the results folder: `latest` is a link to one, above it."""
+    """Whether a series may have this path below the results folder; `latest` is reserved for the link to one."""
     levels = path.split("/")
     return len(levels) == 3 and not any(level in ("", "latest") or level.startswith(".") for level in levels)
 

@@ -1,4 +1,4 @@
-"""Flies what a campaign lacks, series by series, and says how it goes."""
+"""Flies what a campaign lacks, series by series, and reports its progress."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from ..validity import Verdict
 from .estimate import Durations, in_words
 
 Fly = Callable[[Plan, Series, dict[int, Begun]], list[Verdict]]
-"""Flies what is left of a plan's series."""
+"""Flies the rest of a plan's series."""
 Report = Callable[[Path], object]
-"""Measures a series and writes its report, from its folder alone."""
+"""Measures a series and writes its report; needs only its folder."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """What flies a series and what measures it: functions of modules, for other processes and machines."""
+    """The functions that fly and measure a series. They are module-level, so that other processes can call them."""
 
     fly: Fly
     report: Report
@@ -35,9 +35,9 @@ class Steps:
 
 @dataclass(frozen=True)
 class Job:
-    """A plan, the series that is to be gone on with (None: a new one), and what of it there is.
+    """A plan, the series to resume (None: a new one), and the attempts that the series has.
 
-    `why_new` says why a series that was broken off is left as it is.
+    `why_new` is the reason why an interrupted series is not resumed.
     """
 
     plan: Plan
@@ -47,12 +47,12 @@ class Job:
 
     @property
     def done(self) -> bool:
-        """Nothing of it is to be flown or measured."""
+        """Whether nothing is left to fly or measure."""
         return self.series is not None and next_number(self.begun, self.plan) is None and is_measured(self.series)
 
 
 def job_of(plan: Plan, root: Path) -> Job:
-    """What there is of a plan in a results folder: a finished series, whatever its revision, else a broken-off one."""
+    """Look for a plan's series in a results folder: a finished one of any revision, else an interrupted one."""
     folder = series_folder(root, plan.experiment, _label(plan), plan.profile.name)
     found = [Series(path) for path in folder.glob("*") if path.is_dir()]
     alike = [one for one in found if one.attempts() and has_amount(one, plan) and has_fleet(one, plan)]
@@ -68,8 +68,8 @@ def job_of(plan: Plan, root: Path) -> Job:
 def fly_all(plans: Sequence[Plan], root: Path, console: Console, fly: Fly, report: Report) -> bool:
     """Fly every plan that has no finished series; returns whether all numbers of all plans are counted.
 
-    A series that cannot be flown is reported, and the rest goes on. Raises what ends everything: Interrupted, a Docker
-    that is gone, a disk that is full.
+    A series that cannot be flown is reported, and the others are flown. Raises only what ends the run: Interrupted,
+    DockerError if Docker no longer answers, TestbedError or OSError as of a full disk.
     """
     jobs = [job_of(plan, root) for plan in plans]
     waiting = [job for job in jobs if not job.done]
@@ -92,7 +92,7 @@ def fly_all(plans: Sequence[Plan], root: Path, console: Console, fly: Fly, repor
 
 
 def fly_job(job: Job, root: Path, fly: Fly, report: Report) -> tuple[Series, list[str]]:
-    """Fly and measure until every number counts or was given up; returns a line for each of those given up, too."""
+    """Fly and measure until every number counts or is given up; returns the series and a line per number given up."""
     plan, begun = job.plan, job.begun
     series = job.series or new_series(root, plan.experiment, _label(plan), plan.profile.name)
     while True:
@@ -105,7 +105,7 @@ def fly_job(job: Job, root: Path, fly: Fly, report: Report) -> tuple[Series, lis
 
 
 def said_first(jobs: Sequence[Job], done: int, root: Path) -> str:
-    """What there is to fly, what of it is done, and about how long the rest takes."""
+    """A line on what there is to fly, how much of it is done, and about how long the rest takes."""
     plans = [job.plan for job in jobs]
     kinds = {
         "experiment": {plan.experiment for plan in plans},
@@ -119,14 +119,14 @@ def said_first(jobs: Sequence[Job], done: int, root: Path) -> str:
 
 
 def seconds_of(jobs: Sequence[Job], root: Path) -> float:
-    """How long flying what they lack takes on one machine."""
+    """The seconds that the attempts which jobs lack take on one machine."""
     durations = Durations(root)
     lacking = [(job.plan, to_fly(job.begun, job.plan)) for job in jobs if not job.done]
     return sum(count * durations.of(plan, protocol) for plan, counts in lacking for protocol, count in counts.items())
 
 
 def _how(job: Job) -> str:
-    """With which attempt it goes on, or why it is begun anew."""
+    """The attempt at which a job resumes, or the reason why it begins anew."""
     if job.series is None:
         return f", begun anew ({job.why_new})" if job.why_new else ""
     number = next_number(job.begun, job.plan)
@@ -134,7 +134,7 @@ def _how(job: Job) -> str:
 
 
 def said_given_up(plan: Plan, begun: dict[int, Begun]) -> list[str]:
-    """A line for each number that was void as often as it may be."""
+    """A line for each number that was given up, having been void as often as allowed."""
     return [
         f"{name_of(plan)}, attempt {number}: void each time, at last: {wording.first_line(reason)}"
         for number, reason in given_up(begun).items()
@@ -146,5 +146,5 @@ def _label(plan: Plan) -> str:
 
 
 def name_of(plan: Plan) -> str:
-    """A plan's series, as people say it."""
+    """A plan's series in words."""
     return f"{wording.short_name(plan.experiment)}, arm {plan.label}, profile {plan.profile.name}"

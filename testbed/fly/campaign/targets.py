@@ -1,4 +1,4 @@
-"""What a campaign flies, in the order in which a run that is broken off is worth most."""
+"""The plans of a campaign, in the order in which an interrupted run is worth most."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ...plan.order import FIRST_PROFILES, arms_in_order, experiments_in_order, p
 from ...plan.profiles.reading import profile_names
 
 PORT = 8786
-"""Where a campaign's scheduler listens, unless somebody says otherwise."""
+"""The default port of a campaign's scheduler."""
 CERTIFICATE = "campaign.pem"
-"""What makes machines those of one campaign, unless another file is named."""
+"""The default file of the certificate that the machines of a campaign share."""
 _ASKED_FIRST = FIRST_PROFILES[:2]
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What a person typed: lists with commas, empty ones mean all."""
+    """The options of `make all` as typed: lists with commas, an empty one means all."""
 
     attempts: str = "1"
     experiments: str = ""
@@ -39,17 +39,17 @@ class Wish:
     certificate: str = CERTIFICATE
 
     def typed(self) -> str:
-        """What to type for it again."""
+        """The command that asks for the same again."""
         own = Wish()
         changed = [name for name in vars(own) if getattr(self, name) != getattr(own, name)]
         return " ".join(["make all", *(f"{name.upper()}={shlex.quote(getattr(self, name))}" for name in changed)])
 
 
 def plans_of(wish: Wish) -> list[Plan]:
-    """A plan for each series: first what people ask for first, and breadth before depth.
+    """A plan for each series, the most wanted ones first, and breadth before depth.
 
-    That is arm `thesis` on `ideal` and `thesis`; then its other first profiles, and the other arms on those two; then
-    the rest. Raises UserError naming the option, the value and what was expected.
+    These are arm `thesis` on `ideal` and `thesis`; then its other first profiles, and the other arms on those two; then
+    the rest. Raises UserError that names the option, the value and what was expected.
     """
     experiments = _listed("EXPERIMENTS", wish.experiments, EXPERIMENTS)
     arms = _listed("ARMS", wish.arms, tuple(ARMS))
@@ -67,14 +67,14 @@ def plans_of(wish: Wish) -> list[Plan]:
 
 
 def _late(plan: Plan) -> int:
-    """How late a series comes; among those that come equally late the order of the names holds."""
+    """The rank of a series in the campaign; sorting keeps the order of series with the same rank."""
     profile, arm = plan.profile.name, plan.arm.name
     far = 0 if profile in _ASKED_FIRST else 1 if profile in FIRST_PROFILES else 2
     return far + (arm != next(iter(ARMS)))
 
 
 def _listed(option: str, typed: str, known: Sequence[str], paths: bool = False) -> list[str]:
-    """The names of a list with commas; with `paths` also files of one's own."""
+    """The names in a list with commas; with `paths` also one's own files."""
     if not typed.strip():
         return list(known)
     names = [name.strip() for name in typed.split(",")]

@@ -1,8 +1,8 @@
-"""A machine that flies for a campaign: a Dask worker, and what it does of a series.
+"""A machine that flies for a campaign: a Dask worker, and the tasks by which it flies a series.
 
-A series is one task, so that all of it is flown here. Its flights and its reports are tasks of their own: a flight
-takes the one FLIGHT that a worker has, a report only a core, beside the next series' flight. Each runs in a process of
-its own, which ends when the worker does.
+A series is one task, so all of it is flown on one machine. Its flights and its reports are tasks of their own: a flight
+takes the one FLIGHT resource of the worker, a report only a core, while the next series flies. Each runs in a process
+of its own, which ends when the worker does.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from .run import Job, Steps, fly_job, job_of, name_of
 
 FLIGHT = "flight"
 SERIES_AT_ONCE = 2
-"""One flies, the other is measured."""
+"""One flies while the other is measured."""
 RETIRES_S = 10.0
-"""What a worker that ends gives the scheduler to hand its series to others."""
+"""How long a worker that ends waits for the scheduler to hand its series to others."""
 TOPIC = "campaign"
 _ANSWER_S = 300.0
 _PR_SET_PDEATHSIG = 1
 
 
 class Home(WorkerPlugin):
-    """What a worker knows of its machine, for the tasks that run there: where series are until they are pushed."""
+    """A worker's machine, for the tasks that run on it: the folder `root` has its series until they are pushed."""
 
     name = "home"
 
@@ -60,7 +60,7 @@ class Home(WorkerPlugin):
 
 
 class Remote:
-    """A store on another machine: its methods, waited for."""
+    """A store on another machine; each of its methods waits for the answer."""
 
     def __init__(self, actor: Any) -> None:
         self._actor = actor
@@ -73,17 +73,17 @@ class Remote:
 
 
 def terms() -> str:
-    """The resource that a series needs: what machines must have in common, so that each flies as any other would."""
+    """The resource that a series needs: the revision and settings that machines must share to fly it alike."""
     now = revision()
     commit = str(now["commit"] or "no revision")[:12]
     return f"series at {commit}{' with changes' if now['dirty'] else ''}{suffix(os.environ)}"
 
 
 def carry_out(plan: Plan, name: str, actor: Any, steps: Steps) -> Arrived | str:
-    """Fly, measure and push a plan's series, or say in a line why it cannot be flown.
+    """Fly, measure and push a plan's series, or return a line that says why it cannot be flown.
 
-    What this machine has of it is gone on with, as on one machine alone; only a series of the present revision. Raises
-    what another machine may do better: it is flown again then.
+    A partial series on this machine is resumed, as on a single machine, if it is of the present revision. Raises
+    errors that another machine may not have; the series is then flown again.
     """
     worker, store = get_worker(), Remote(actor)
     home = worker.plugins[Home.name]
@@ -106,7 +106,7 @@ def carry_out(plan: Plan, name: str, actor: Any, steps: Steps) -> Arrived | str:
 
 
 def in_a_process(function: Callable[..., Any], *words: Any) -> Any:
-    """Call a function in the main thread of a new process, which gets SIGTERM when this one ends in any way."""
+    """Call a function in the main thread of a new process, which gets SIGTERM however this process ends."""
     spawn = multiprocessing.get_context("spawn")
     answers, answer = spawn.Pipe(duplex=False)
     process = spawn.Process(target=_call, args=(answer, os.getpid(), function, words))
@@ -125,9 +125,10 @@ def in_a_process(function: Callable[..., Any], *words: Any) -> Any:
 
 
 async def work(address: str, security: Security, machine: str, root: Path, said: Callable[[str], object]) -> None:
-    """Fly for whoever asks at a scheduler, until SIGTERM, Ctrl-C, or the scheduler's end.
+    """Fly for the campaigns of a scheduler until SIGTERM, Ctrl-C, or the scheduler's end.
 
-    Raises UserError where another worker has this machine's name, DockerError when this machine cannot fly any more.
+    Raises UserError if another worker has this machine's name or no scheduler answers, DockerError if this machine can
+    no longer fly, TestbedError if the scheduler has ended or given this machine up.
     """
     os.environ["MACHINE"] = machine
     home = Home(root)
@@ -153,7 +154,7 @@ async def work(address: str, security: Security, machine: str, root: Path, said:
         asyncio.get_running_loop().add_signal_handler(number, home.leave, "")
     ended = asyncio.ensure_future(worker.finished())
     await asyncio.wait({ended, home.leaves}, return_when=asyncio.FIRST_COMPLETED)
-    if not ended.done():  # at first its series go to others, without a word against them
+    if not ended.done():  # retiring hands its series to others without counting this end against them
         with suppress(TimeoutError, OSError):
             async with asyncio.timeout(RETIRES_S):
                 await worker.scheduler.retire_workers(workers=[worker.address], close_workers=False, remove=True)
@@ -166,14 +167,14 @@ async def work(address: str, security: Security, machine: str, root: Path, said:
 
 
 def end_flights() -> None:
-    """End what this process flies and measures, with the containers, as Ctrl-C does."""
+    """End the flights and measurements of this process, with their containers, as Ctrl-C does."""
     for process in multiprocessing.active_children():
         process.terminate()
 
 
 @contextmanager
 def no_pages() -> Iterator[None]:
-    """Dask's web pages, which are not encrypted, have nothing on them."""
+    """Leave Dask's web pages, which are not encrypted, empty."""
     with dask.config.set({f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}):
         yield
 
@@ -186,7 +187,7 @@ def _job(plan: Plan, root: Path) -> Job:
 
 
 def _as_task(call: Callable[..., Any], function: Callable[..., Any], **needs: float) -> Callable[..., Any]:
-    """A step as a task of its own, on this worker."""
+    """Make a step a task of its own, on this worker."""
 
     def step(*words: Any) -> Any:
         here, key = [get_worker().address], f"{function.__name__}-{uuid4().hex}"
@@ -202,13 +203,13 @@ def _flight(fly: Callable[..., Any], plan: Plan, *words: Any) -> Any:
 
 
 def _call(answer: Connection, parent: int, function: Callable[..., Any], words: tuple[Any, ...]) -> None:
-    """SIGTERM comes when the thread that started this process ends, as it does with its worker."""
+    """Run in the new process; the kernel sends it SIGTERM when the thread that started it ends, as with its worker."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:
         return
     try:
         found = function(*words)
-    except Exception as error:  # noqa: BLE001 - it is raised by whoever waits
+    except Exception as error:  # noqa: BLE001 - the waiting process raises it
         found = error
     with suppress(BrokenPipeError):
         answer.send(found)

@@ -1,8 +1,8 @@
-"""scapy layers for what the testbed's nodes say to each other: `mavlink` (1 and 2) and `mqtt5`, with `bind()` in each.
+"""scapy layers for the protocols of the testbed's nodes: `mavlink` (1 and 2) and `mqtt5`, each with a `bind()`.
 
-Importing a layer changes nothing in how scapy dissects; `bind()` makes it dissect the ports in use, `unbind()` ends
-that. This machine's routes, which scapy reads by itself in a second where a fleet has many networks, are not read:
-nothing here sends.
+Importing a layer does not change how scapy dissects: `bind()` makes it dissect the ports in use, `unbind()` undoes
+that. scapy is kept from reading this machine's routes, which takes a second where a fleet has many networks: nothing
+here sends.
 """
 
 from scapy.config import conf

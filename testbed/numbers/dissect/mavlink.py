@@ -6,12 +6,11 @@
     frame[mavlink.ATTITUDE].roll                      # messages and fields are named as in common.xml
     bytes(mavlink.MAVLink2(sysid=1, compid=1, message=mavlink.HEARTBEAT(type="MAV_TYPE_QUADROTOR")))
 
-A frame's `len`, `msgid` and `checksum` follow from its message unless they are given. Frames behind each other in one
-datagram are layers behind each other. A message that the tables do not have, and bytes that are no whole frame, are
-Raw. The tables are pymavlink's of development.xml: all of common.xml, unchanged, and what is to join it, such as
-CURRENT_MODE, which PX4 sends already. Where a field has the name of something that every scapy packet has (`name`,
-`payload`, `time`, `direction`), `message.getfieldval("name")` reads it. The format:
-https://mavlink.io/en/guide/serialization.html
+A frame's `len`, `msgid` and `checksum` follow from its message unless they are given. Several frames in one datagram
+are successive layers. A message that the tables do not have, and bytes that are no complete frame, are Raw. The tables
+are pymavlink's of development.xml: all of common.xml, unchanged, and planned additions such as CURRENT_MODE, which PX4
+sends already. If a field has the name of an attribute of every scapy packet (`name`, `payload`, `time`, `direction`),
+`message.getfieldval("name")` reads it. The format: https://mavlink.io/en/guide/serialization.html
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ class Message(Packet):
 
 
 class _HasPayload(Message):
-    """A message with a field `payload`, which scapy's way of copying a packet would take for its own."""
+    """A message with a field `payload`, which scapy, when it copies a packet, would take for the packet's payload."""
 
     def __iter__(self) -> Iterator[Packet]:
         yield self
@@ -68,20 +67,20 @@ class _HasPayload(Message):
 
 @cache
 def message_class(msgid: int) -> type[Message] | None:
-    """The class of a message by its number, None where the tables have none of that number."""
+    """The class of a message by its number; None if the tables do not have it."""
     table = dialect.mavlink_map.get(msgid)
     if table is None:
         return None
     base = _HasPayload if "payload" in table.fieldnames else Message
     members = {"fields_desc": _fields_of(table), "msgid": msgid, "__doc__": (table.__doc__ or "").strip()}
     made: Any = type(table.msgname, (base,), members)
-    if "command" in table.fieldnames:  # scapy's method of this name makes the code of a packet
+    if "command" in table.fieldnames:  # scapy's method of this name returns a packet as Python code
         made.command = property(lambda self: self.getfieldval("command"))
     return cast(type[Message], made)
 
 
 def message_of(name: str) -> type[Message]:
-    """The class of a message by its name; raises AttributeError where the tables have none of that name."""
+    """The class of a message by its name. Raises AttributeError if the tables do not have it."""
     if name not in _IDS:
         raise AttributeError(f"{name}: no message of pymavlink's tables")
     made = message_class(_IDS[name])
@@ -94,7 +93,7 @@ def __getattr__(name: str) -> type[Message]:
 
 
 def _fields_of(table: Any) -> list[Field[Any, Any]]:
-    """The fields in the order of the wire (largest type first, extensions last)."""
+    """The fields in wire order (largest type first, extensions last)."""
     found: list[Field[Any, Any]] = []
     for name in table.ordered_fieldnames:
         place = table.fieldnames.index(name)
@@ -112,7 +111,7 @@ def _fields_of(table: Any) -> list[Field[Any, Any]]:
 
 
 class _MessageId(Field[Any, Any]):
-    """A message's number; None is that of the frame's message."""
+    """A message's number; None stands for that of the frame's message."""
 
     __slots__: list[str] = []
 
@@ -143,7 +142,7 @@ class _LongId(_MessageId, LEThreeBytesField):
 
 
 class _MessageField(Field[Any, Any]):
-    """The frame's message: the bytes that `len` says, zeros where version 2 left them out."""
+    """The frame's message: `len` bytes, filled up with the zeros that version 2 omits."""
 
     __slots__: list[str] = []
     holds_packets = 1
@@ -170,9 +169,9 @@ class _MessageField(Field[Any, Any]):
 
 
 class MAVLink(Packet):
-    """A MAVLink frame of either version: `MAVLink(data)` is the one that its first byte says.
+    """A MAVLink frame of either version: `MAVLink(data)` is of the class for its first byte.
 
-    Bytes that are no whole frame are Raw.
+    Bytes that are no complete frame are Raw.
     """
 
     name = "MAVLink"
@@ -203,7 +202,7 @@ class MAVLink(Packet):
 
     @property
     def checksum_is_right(self) -> bool | None:
-        """Whether the checksum that a frame came with fits its bytes; None for a message that is not in the tables."""
+        """Whether a frame's checksum fits its bytes; None for a message that is not in the tables."""
         whole = bytes(self)
         end = self.header + whole[1]
         if message_class(self.getfieldval("msgid")) is None:
@@ -251,7 +250,7 @@ class MAVLink1(MAVLink):
 
 
 class MAVLink2(MAVLink):
-    """A frame of version 2: flags, a message number of three bytes, trailing zeros left out, perhaps signed."""
+    """A frame of version 2: flags, a message number of three bytes, trailing zeros omitted, optionally signed."""
 
     name = "MAVLink 2"
     fields_desc = [
@@ -276,7 +275,7 @@ class MAVLink2(MAVLink):
 
 
 def _kind_of(data: bytes) -> type[MAVLink] | None:
-    """The class of the whole frame that `data` begins with, None when there is none."""
+    """The class of the complete frame at the start of `data`; None without one."""
     if data[:1] == bytes([MAGIC_1]):
         whole = len(data) >= 2 and len(data) >= HEADER_1 + data[1] + _CHECKSUM
         return MAVLink1 if whole else None
@@ -291,7 +290,7 @@ def _size_of(cls: type[Message]) -> int:
 
 
 def _size_in_version1(message: Any) -> int | None:
-    """Bytes without extensions; None (all of them) for what is no message of version 1."""
+    """A message's size without extensions; None (no limit) for one that version 1 does not have."""
     table = version1.mavlink_map.get(message.msgid) if isinstance(message, Message) else None
     return int(table.unpacker.size) if table is not None else None
 
@@ -304,7 +303,7 @@ def bind(ports: tuple[int, ...] = PORTS) -> None:
 
 
 def unbind(ports: tuple[int, ...] = PORTS) -> None:
-    """End what `bind` began."""
+    """Undo `bind`."""
     for port in ports:
         split_layers(UDP, MAVLink, dport=port)
         split_layers(UDP, MAVLink, sport=port)

@@ -1,4 +1,4 @@
-"""scapy fields for MAVLink's messages: little-endian, with the names and units that common.xml gives their values."""
+"""scapy fields for MAVLink's messages: little-endian, with the value names and units of common.xml."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ FORMATS = {
     **{"int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I"},
     **{"int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d"},
 }
-"""struct's letter for each type of common.xml but char."""
+"""struct's letter for each type of common.xml except char."""
 
 
 class Number(Field[Any, Any]):
-    """One number. `names` are those of its enumeration's values, or with `bits` of its bits; it takes them too."""
+    """One number. `names` are those of its enumeration's values, or with `bits` of its bits; it accepts names too."""
 
     __slots__ = ["bits", "names", "unit"]
 
@@ -45,7 +45,7 @@ class Number(Field[Any, Any]):
 
 
 class Numbers(Field[Any, Any]):
-    """As many numbers of one type as common.xml says; with fewer, the others are 0."""
+    """An array of numbers, of the length in common.xml; missing ones are 0."""
 
     __slots__ = ["count", "unit"]
     islist = 1
@@ -75,7 +75,7 @@ class Numbers(Field[Any, Any]):
 
 
 class Text(Field[Any, Any]):
-    """A char array: bytes of its whole length; shown up to the first zero byte."""
+    """A char array: bytes of its full length, shown up to the first zero byte."""
 
     __slots__: list[str] = []
 

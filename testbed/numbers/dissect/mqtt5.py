@@ -6,11 +6,11 @@
     segment[mqtt5.Publish].topic
     bytes(mqtt5.Publish(topic="a/b", qos=1, packet_id=7, properties={"topic_alias": 3}, message=b"12"))
 
-Packets behind each other in a segment are layers behind each other; one that goes on in the next segment, and bytes
-that are none, are Raw. With scapy's TCPSession they are put together. The fixed header's `len` follows from the rest
-unless it is given, and so does whether a reason code of 0 without properties is written. Bytes of a packet that its
-type does not explain are its `malformed`. scapy's own contrib.mqtt is for 3.1.1: it knows no properties, binds its port
-when it is imported, and counts the packets behind one into its length.
+Several packets in one segment are successive layers. A packet that continues in the next segment, and bytes that are
+no packet, are Raw; scapy's TCPSession reassembles packets. The fixed header's `len` follows from the rest unless it is
+given, and so does whether a reason code of 0 without properties is written. Bytes that fit no field of a packet's type
+are its `malformed`. scapy's own contrib.mqtt is for 3.1.1: it has no properties, binds its port when it is imported,
+and counts the packets that follow one into its length.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def _is_version_5(pkt: Packet) -> bool:
 
 
 class Connect(MQTT):
-    """CONNECT (3.1). The flags say which of the fields behind the client identifier there are."""
+    """CONNECT (3.1). The flags tell which fields follow the client identifier."""
 
     name = "MQTT CONNECT"
     fields_desc = packet_fields(
@@ -233,9 +233,9 @@ KINDS.update(
 
 
 def topic_of(publish: Publish, aliases: dict[int, str]) -> str:
-    """The topic that a PUBLISH stands for (3.3.2.3.4); empty for an alias that was not given a topic yet.
+    """The topic of a PUBLISH, also where it has an alias (3.3.2.3.4); empty for an alias without a topic so far.
 
-    `aliases` are those of its connection and direction since the CONNECT, and learn from it.
+    `aliases` are those of its connection and direction since the CONNECT; the PUBLISH's own is added.
     """
     topic: str = publish.getfieldval("topic")
     alias = dict(publish.getfieldval("properties")).get("topic_alias")
@@ -253,6 +253,6 @@ def bind(port: int = PORT) -> None:
 
 
 def unbind(port: int = PORT) -> None:
-    """End what `bind` began."""
+    """Undo `bind`."""
     split_layers(TCP, MQTT, dport=port)
     split_layers(TCP, MQTT, sport=port)

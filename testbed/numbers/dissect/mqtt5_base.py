@@ -1,4 +1,4 @@
-"""What all control packets of MQTT 5 have: the fixed header, and how one ends where the next begins (2.1)."""
+"""The common part of MQTT 5's control packets: the fixed header, and the split of a stream into packets (2.1)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Fields = list[Any]
 
 
 class MQTT(Packet):
-    """An MQTT 5 control packet: `MQTT(data)` is the one that its first byte says, Raw where there is no whole one."""
+    """An MQTT 5 control packet: `MQTT(data)` is of the class for its first byte, Raw if there is no complete one."""
 
     name = "MQTT 5"
 
@@ -27,7 +27,7 @@ class MQTT(Packet):
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """For scapy's TCPSession: the first packet once it is whole, what is behind it as padding."""
+        """For scapy's TCPSession: the first packet once it is complete, the bytes after it as padding."""
         kind, end = _kind_of(data), whole_length(data)
         if kind is None or end is None:
             return None
@@ -35,7 +35,7 @@ class MQTT(Packet):
         return packet / conf.padding_layer(data[end:]) if data[end:] else packet
 
     def do_dissect(self, s: bytes) -> bytes:
-        """The packet's own bytes, as its remaining length says; what is behind them is the next packet's."""
+        """Dissect the packet's own bytes, by its remaining length; those after them belong to the next packet."""
         end = whole_length(s)
         if end is None or end > len(s):
             raise MalformedError("no whole MQTT packet")
@@ -71,7 +71,7 @@ class MQTT(Packet):
 
 
 def packet_fields(kind: int, flags: int, *body: Field[Any, Any] | ConditionalField) -> Fields:
-    """The fields of a control packet: the fixed header, its own, and what they do not explain."""
+    """The fields of a control packet: the fixed header, its own, and `malformed` for bytes that fit none."""
     return fixed_header(kind, [BitField("flags", flags, 4)], *body)
 
 
@@ -82,7 +82,7 @@ def fixed_header(kind: int, flags: Fields, *body: Any) -> Fields:
 
 
 def reason_and_properties(before: int, names: dict[int, str]) -> Fields:
-    """A reason code and properties that a sender may leave out at the end (3.4.2.1), behind `before` bytes."""
+    """Reason code and properties, which a sender may omit at the end (3.4.2.1), after `before` bytes."""
 
     def has(least: int, names: tuple[str, ...]) -> Callable[[Packet], bool]:
         def present(pkt: Packet) -> bool:
@@ -104,7 +104,7 @@ KINDS: dict[int, type[MQTT]] = {}
 
 
 def whole_length(data: bytes) -> int | None:
-    """How long the packet is that `data` begins with, its fixed header included; None where that is not known."""
+    """The length of the packet at the start of `data`, its fixed header included; None if it is not known yet."""
     try:
         remaining, start = read_variable(data, 1)
     except MalformedError:
@@ -113,6 +113,6 @@ def whole_length(data: bytes) -> int | None:
 
 
 def _kind_of(data: bytes) -> type[MQTT] | None:
-    """The class of the whole packet that `data` begins with, None when there is none."""
+    """The class of the complete packet at the start of `data`; None without one."""
     length = whole_length(data)
     return KINDS.get(data[0] >> 4) if length is not None and length <= len(data) else None

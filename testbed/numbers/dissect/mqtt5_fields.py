@@ -40,9 +40,9 @@ PROPERTIES: dict[int, tuple[str, str]] = {
     0x29: ("subscription_identifier_available", "byte"),
     0x2A: ("shared_subscription_available", "byte"),
 }
-"""Each property's name and how its value is written (MQTT 5.0, 2.2.2.2)."""
+"""Each property's name and the encoding of its value (MQTT 5.0, 2.2.2.2)."""
 MALFORMED = "malformed"
-"""Names what is left of properties that cannot be read, so that no byte of them is lost."""
+"""The name of the unreadable rest of properties, which keeps all its bytes."""
 _NUMBERS = {name: number for number, (name, _) in PROPERTIES.items()}
 _KINDS = dict(PROPERTIES.values())
 _FIXED = {"byte": 1, "two": 2, "four": 4}
@@ -55,7 +55,7 @@ class MalformedError(ValueError):
 
 
 def write_variable(value: int) -> bytes:
-    """A variable byte integer (1.5.5); raises MalformedError for a number that it cannot carry."""
+    """Encode a variable byte integer (1.5.5). Raises MalformedError for a number that it cannot carry."""
     if not 0 <= value <= LARGEST_VARIABLE:
         raise MalformedError(f"{value}: expected 0 to {LARGEST_VARIABLE}")
     made = bytearray()
@@ -66,7 +66,7 @@ def write_variable(value: int) -> bytes:
 
 
 def read_variable(data: bytes, start: int = 0) -> tuple[int, int]:
-    """A variable byte integer and where it ends; raises MalformedError where there is no whole one."""
+    """Decode a variable byte integer; returns it and its end. Raises MalformedError if there is no complete one."""
     value = 0
     for place, byte in enumerate(data[start : start + 4]):
         value |= (byte & 0x7F) << 7 * place
@@ -76,7 +76,7 @@ def read_variable(data: bytes, start: int = 0) -> tuple[int, int]:
 
 
 def write_binary(value: bytes | str) -> bytes:
-    """Two bytes of length, then the bytes (1.5.4, 1.5.6)."""
+    """Encode two bytes of length, then the bytes (1.5.4, 1.5.6)."""
     data = value.encode() if isinstance(value, str) else bytes(value)
     if len(data) > 0xFFFF:
         raise MalformedError(f"{len(data)} bytes: expected at most 65535")
@@ -84,7 +84,7 @@ def write_binary(value: bytes | str) -> bytes:
 
 
 def read_binary(data: bytes, start: int = 0) -> tuple[bytes, int]:
-    """What `write_binary` wrote and where it ends; raises MalformedError where it is cut off."""
+    """Decode what `write_binary` encodes; returns the bytes and their end. Raises MalformedError if it is cut off."""
     end = start + 2 + int.from_bytes(data[start : start + 2], "big")
     if len(data) < start + 2 or len(data) < end:
         raise MalformedError("text or binary data that is cut off")
@@ -92,7 +92,7 @@ def read_binary(data: bytes, start: int = 0) -> tuple[bytes, int]:
 
 
 def write_properties(found: Iterable[Property]) -> bytes:
-    """Properties without their length."""
+    """Encode properties, without their length."""
     return b"".join(_write_property(name, value) for name, value in found)
 
 
@@ -114,7 +114,7 @@ def _write_property(name: str, value: Any) -> bytes:
 
 
 def read_properties(data: bytes) -> list[Property]:
-    """Properties in their order; from the first that cannot be read on, the rest is one named `malformed`."""
+    """Decode properties in order; from the first unreadable one on, the rest is a property named `malformed`."""
     found: list[Property] = []
     position = 0
     while position < len(data):
@@ -175,7 +175,7 @@ class VariableByteInteger(Field[Any, Any]):
 
 
 class Binary(Field[Any, Any]):
-    """Bytes with their length in front; takes text too."""
+    """Bytes after their length; accepts text too."""
 
     __slots__: list[str] = []
 
@@ -194,7 +194,7 @@ class Binary(Field[Any, Any]):
 
 
 class Text(Binary):
-    """Text with its length in front; bytes that are no UTF-8 stay as surrogates, so that none is lost."""
+    """Text after its length; bytes that are not UTF-8 are kept as surrogates, so that none is lost."""
 
     __slots__: list[str] = []
 
@@ -213,9 +213,9 @@ class Text(Binary):
 
 
 class Properties(Field[Any, Any]):
-    """Properties with their length in front: a list of (name, value), `user_property` with a pair of texts.
+    """Properties after their length: a list of (name, value); the value of `user_property` is a pair of texts.
 
-    It takes a dict too. What cannot be read is kept as `("malformed", bytes)`.
+    It accepts a dict too. Unreadable bytes are kept as `("malformed", bytes)`.
     """
 
     __slots__: list[str] = []

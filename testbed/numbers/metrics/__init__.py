@@ -1,4 +1,4 @@
-"""Metrics: what an attempt's packets and events say, in numbers; and `metrics.json` of a series."""
+"""Metrics: an attempt's packets and events in numbers, and `metrics.json` of a series."""
 
 from .series import METRICS_VERSION, measure_series, read_metrics
 from .window import Window, mission_window

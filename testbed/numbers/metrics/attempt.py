@@ -1,4 +1,4 @@
-"""One attempt's entry in `metrics.json`: everything that its folder says, in numbers."""
+"""One attempt's entry in `metrics.json`: all numbers from its folder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .window import Window, arm_asked_ns, mission_window
 
 
 def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict) -> AttemptEntry:
-    """One attempt's entry. Raises ResultsError for a file that is missing or cannot be read."""
+    """Measure one attempt. Raises ResultsError if a file is missing or cannot be read."""
     completed = verdict.status == COMPLETED
     if completed and (lost := uncaptured(attempt, manifest)):
         raise ResultsError(f"no capture at {', '.join(lost)}")
@@ -70,7 +70,7 @@ def _measured(
     events: list[dict[str, Any]],
     shaping: Shaping,
 ) -> dict[str, Any]:
-    """What the packets of a mission's window say."""
+    """The numbers from the packets in a mission's window."""
     ways = Ways(attempt.topology())
     is_mavlink = attempt.protocol == "mavlink"
     side = mavlink if is_mavlink else mqttxt
@@ -140,11 +140,11 @@ NOT_FLOWN: dict[str, Any] = {
     **{"before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": [], "message_set": None},
     **{"series": [], "reading_delay_ms": None, "reading_traffic": {}, "out_of_range": 0, "flight_logs": {}},
 }
-"""What there is to say of an attempt whose mission never began."""
+"""The numbers of an attempt whose mission never began."""
 
 
 def outcomes(events: list[dict[str, Any]]) -> dict[str, list[OutcomeEntry]]:
-    """Each drone's last words in their order, with the milliseconds from the call to each."""
+    """Each drone's last words in order, each with its milliseconds since the call."""
     calls = {event["call"]: event["t_ns"] for event in events if event["event"] == "command"}
     found: dict[str, list[OutcomeEntry]] = defaultdict(list)
     for event in events:

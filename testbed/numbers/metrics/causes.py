@@ -1,4 +1,4 @@
-"""Frames that links lost, by cause: what the shaper counted, set against what the captures at both ends have."""
+"""Frames that links lost, by cause: the shaper's counts, compared with the captures at both ends."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..attempt_entry import Losses
 from ..packets import Packets
 
 CAUSES = ("random", "queue", "closed", "overload", "corrupted")
-"""Drawn; no room in the link's queue; a closed link's refusals; the shaper did not keep up; a bit was turned."""
+"""Drawn at random; the link's queue was full; the link was closed; the shaper did not keep up; a bit was flipped."""
 UNKNOWN = "unknown"
 TOLERANCE_FRAMES = 2
-"""By so many frames of a link both may differ: its first and last ones, which one of them saw and the other not."""
+"""By how many frames of a link the two may differ: the first and last ones, which only one of them has."""
 
 
 def losses(packets: Packets, counters: Mapping[str, Any] | None, start_ns: int | None = None) -> Losses:
     """Frames lost since the links' start, as the shaper counts them: over all links by cause, and for each link.
 
-    `captured` is the captures' own count of frames that entered and did not leave unchanged; what of it no cause
-    explains is `unknown`. Without counters all of it is. `open` are frames of which the captures ended too soon to
-    tell. `start_ns` is when the mission let the links' clock begin:
-    `at_start` in the counters is what was counted until then, which is left out, as the links' probes are in it. None:
-    there was no such moment, and the whole run is counted.
+    `captured` is the captures' own count of frames that entered a link and did not leave it unchanged. Those that no
+    cause explains are `unknown`; without counters all are. `open` counts the frames that were on a link when the
+    captures ended. `start_ns` is when the mission started the links' clock: the counts until then, `at_start` in the
+    counters, are subtracted because they include the links' probes. None: the clock never started, and the whole run
+    is counted.
     """
     told = counters["links"] if counters is not None else {}
     before = (counters or {}).get("at_start") or {} if start_ns is not None else {}
@@ -43,9 +43,9 @@ def losses(packets: Packets, counters: Mapping[str, Any] | None, start_ns: int |
 
 
 def disagreements(found: Mapping[str, Any], shaped: bool) -> list[str]:
-    """Where the shaper and the captures differ by more than a few frames, a line each.
+    """List the links on which shaper and captures differ by more than TOLERANCE_FRAMES, one line each.
 
-    A bit that was turned in a header's unmatched field does not show in the captures.
+    Captures do not show a bit that was flipped in a header field by which frames are not matched.
     """
     said = []
     for name, link in found["links"].items():
@@ -57,6 +57,6 @@ def disagreements(found: Mapping[str, Any], shaped: bool) -> list[str]:
 
 
 def _count(packets: Packets, which: pl.Expr, since_ns: int) -> dict[str, int]:
-    """By link the frames of a kind that entered it from a moment on."""
+    """Count by link the frames selected by `which` that entered it at `since_ns` or later."""
     found = packets.frames.filter(which & (pl.col("t_ns") >= since_ns)).group_by(pl.col("link").cast(pl.String)).len()
     return dict(found.iter_rows())

@@ -1,4 +1,4 @@
-"""Under which conditions a series was flown, and where its attempts differ: refused where it matters, else noted."""
+"""The conditions of a series: attempts that differ in the essential ones are refused, other differences are noted."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ...fly.results import Attempt
 from .shaping import Shaping
 
 SAME = ("experiment", "arm", "profile", "shaper")
-"""What no two attempts of a series may differ in."""
+"""The fields of the manifest that must be the same in all attempts of a series."""
 
 Flown = tuple[Attempt, dict[str, Any]]
 """An attempt and its manifest."""
 
 
 def check_same(flown: Sequence[Flown], shapings: Sequence[Shaping]) -> None:
-    """Raises ResultsError for a series that mixes experiments, arms, profiles or shapers, by name or by content."""
+    """Raise ResultsError if a series mixes experiments, arms, profiles or shapers, or if its links' plans differ."""
     _, first = flown[0]
     plans = [shaping.conditions for shaping in shapings if shaping.conditions is not None]
     for (attempt, manifest), shaping in zip(flown, shapings, strict=True):
@@ -29,19 +29,19 @@ def check_same(flown: Sequence[Flown], shapings: Sequence[Shaping]) -> None:
 
 
 def common_revision(flown: Sequence[Flown]) -> str | None:
-    """The commit at which every attempt was flown; None where there is not one."""
+    """The commit at which all attempts were flown; None if they differ."""
     commits = {manifest["revision"].get("commit") for _, manifest in flown}
     return commits.pop() if len(commits) == 1 else None
 
 
 def common_machine(flown: Sequence[Flown]) -> str | None:
-    """The machine on which every attempt was flown; None where there is not one, or it is not said."""
+    """The machine on which all attempts were flown; None if they differ or it is not recorded."""
     names = {manifest["host"].get("name") for _, manifest in flown}
     return names.pop() if len(names) == 1 else None
 
 
 def differences(flown: Sequence[Flown]) -> list[str]:
-    """One line for each thing that is not the same in all attempts, though it should be."""
+    """One line for each condition that should be the same in all attempts and is not."""
     said = []
     commits = _told(flown, lambda manifest: manifest["revision"].get("commit"))
     if len(commits) > 1:
@@ -63,7 +63,7 @@ def differences(flown: Sequence[Flown]) -> list[str]:
 
 
 def _told(flown: Sequence[Flown], value: Any) -> dict[str, list[Attempt]]:
-    """The attempts by what their manifests say."""
+    """The attempts by a value of their manifests."""
     found: dict[str, list[Attempt]] = {}
     for attempt, manifest in flown:
         found.setdefault(str(value(manifest)), []).append(attempt)

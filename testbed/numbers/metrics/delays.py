@@ -1,4 +1,4 @@
-"""Delays: one way by the captures, and beside it what the applications themselves saw."""
+"""Delays: one way by the captures, and as the applications themselves measured them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .mavlink import CALLS
 from .window import Window
 
 LEAST_FOR_P99 = 1000
-"""Values from which on a 99th percentile says something."""
+"""The least number of values for a meaningful 99th percentile."""
 
 
 def summary(values: list[float]) -> Summary:
-    """n, mean, p50, p90, p99 (null below 1,000 values) and the greatest; of no values all but n are null."""
+    """Summarize values: n, mean, p50, p90, p99 (None below 1,000 values) and max; without values all but n are None."""
     if not values:
         return {"n": 0, "mean": None, "p50": None, "p90": None, "p99": None, "max": None}
     p50, p90, p99 = (round(float(value), 3) for value in np.percentile(values, (50, 90, 99)))
@@ -32,7 +32,7 @@ def summary(values: list[float]) -> Summary:
 
 
 def by_capture_ms(sent: pl.DataFrame) -> dict[str, list[float]]:
-    """By name the delay of each message that arrived, in the order in which they were sent."""
+    """By name the delay of each message that arrived, in the order of sending."""
     found: dict[str, list[float]] = defaultdict(list)
     rows = sent.filter(pl.col("t_ns").is_not_null() & pl.col("arrived_ns").is_not_null()).sort(
         "name", "t_ns", "drone", maintain_order=True
@@ -43,7 +43,7 @@ def by_capture_ms(sent: pl.DataFrame) -> dict[str, list[float]]:
 
 
 def calls_ms(events: list[dict[str, Any]], window: Window) -> dict[str, list[float]]:
-    """By command: from the API call to its first word about a drone reaching the program that called."""
+    """By command the times from the API call until the calling program had its first word about a drone."""
     calls = {e["call"]: e for e in events if e["event"] == "command" and window.asked_ns <= e["t_ns"] <= window.end_ns}
     heard: set[tuple[Any, Any]] = set()
     found: dict[str, list[float]] = defaultdict(list)
@@ -63,9 +63,10 @@ def receipts(
     drones_of: dict[int, list[int]],
     window: Window,
 ) -> Receipts | None:
-    """What the autopilots got of the calls, by their own logs; None where they write no commands, as real ones.
+    """Count the calls, and the commands that autopilots received again or after the last word, by the autopilots' logs;
+    None if these have no commands, as those of real autopilots.
 
-    A call of a drone counts until its next one of the same command; `flights` and `drones_of` as in `received_ms`.
+    A call to a drone counts until the next call of the same command; `flights` and `drones_of` as in `received_ms`.
     """
     arrived = _commands(flights)
     if not any(arrived.values()):
@@ -96,7 +97,7 @@ def receipts(
 
 
 def _commands(flights: dict[str, list[dict[str, Any]]]) -> dict[int, list[dict[str, Any]]]:
-    """By drone the commands that its autopilot got."""
+    """By drone the commands that its autopilot logged as received."""
     return {
         int(node.removeprefix("uav")): [e for e in log if e["event"] == "command" and "arrived_ns" in e]
         for node, log in flights.items()
@@ -110,7 +111,7 @@ def received_ms(
     drones_of: dict[int, list[int]],
     window: Window,
 ) -> dict[str, list[float]]:
-    """By command: from the API call to the autopilot having it, by the autopilot's own log.
+    """By command the times from the API call until the autopilot received it, by the autopilot's own log.
 
     `flights` are the autopilots' logs by node, `drones_of` the drones of each fog.
     """
@@ -136,8 +137,8 @@ def received_ms(
 
 
 def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, Delays]:
-    """By state both ways: `captures` from the drone to the station, `app` the age (an upper bound) that the ground
-    station's program got with it, null where the protocol has none."""
+    """Delays by state: `captures` from drone to station; `app` the age (an upper bound) that the ground station's
+    program received with the value, None where the protocol has none."""
     by_capture = by_capture_ms(states)
     ages: dict[str, list[float]] = defaultdict(list)
     for event in events:

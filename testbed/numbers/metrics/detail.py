@@ -1,4 +1,4 @@
-"""What is shown of one attempt beside its metrics: each link's bytes per second and frames, and the readings."""
+"""Details of one attempt besides its metrics: each link's bytes per second and frames, and the readings."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class PerLink:
-    """By directed link: `rates`, the bytes that entered it in each second of the mission; `entered`, its frames from
-    when losses were counted on, which is the links' start (`since_start`) or the first capture.
+    """By directed link: `rates`, the bytes that entered it in each second of the mission; `entered`, its frames since
+    losses are counted, which is since the links' start (`since_start`) or the first capture.
     """
 
     rates: dict[str, tuple[int, ...]]
@@ -28,14 +28,14 @@ class PerLink:
 
 @dataclass(frozen=True)
 class Detail:
-    """An attempt's links, and the values of its sensors; None where it has none."""
+    """An attempt's links and its sensors' values (None without sensors)."""
 
     per_link: PerLink
     measured: tuple[Measured, ...] | None
 
 
 def detail_of(attempt: Attempt, start_ns: int, seconds: float) -> Detail:
-    """Of a mission that began at `start_ns` and took `seconds`; its packets table is made if it is not there."""
+    """The details of a mission that began at `start_ns` and took `seconds`; makes a missing packets table."""
     packets = load(attempt)
     readings = readings_of(attempt, packets)
     links = per_link(packets, start_ns, seconds, _losses_counted_from_ns(attempt))
@@ -43,7 +43,7 @@ def detail_of(attempt: Attempt, start_ns: int, seconds: float) -> Detail:
 
 
 def per_link(packets: Packets, start_ns: int, seconds: float, counted_from_ns: int = 0) -> PerLink:
-    """The last second of the mission may be a part of one."""
+    """Rates and frames of each directed link; the mission's last second may be incomplete."""
     count = max(1, int(np.ceil(seconds)))
     frames = packets.frames.select(
         pl.col("link").cast(pl.String), "size", ((pl.col("t_ns") - start_ns) // SECOND_NS).alias("second"), "t_ns"
@@ -61,7 +61,7 @@ def per_link(packets: Packets, start_ns: int, seconds: float, counted_from_ns: i
 
 
 def _losses_counted_from_ns(attempt: Attempt) -> int:
-    """When the links' clock began, if the shaper says what it had counted until then (probes, mostly); else 0."""
+    """When the links' clock began, if the shaper recorded its counts until then (mostly probes); else 0."""
     counters = attempt.path / "links" / "counters.json"
     if not counters.exists() or not read_json(counters).get("at_start"):
         return 0

@@ -1,4 +1,4 @@
-"""An attempt's messages end to end, for either protocol: each command and each state, when it left and when it came."""
+"""An attempt's messages end to end, for either protocol: when each command and each state left and arrived."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from .window import Window
 SENT = pl.Schema({
     **{"name": pl.String(), "drone": pl.Int64(), "t_ns": pl.Int64(), "arrived_ns": pl.Int64(), "frame": pl.Int64()},
 })  # fmt: skip
-"""A row for each message sent: the command's or state's name, the drone it goes to or comes from, when its first frame
-left its origin (null: it never did), when its first copy reached the far end (null: none did), and the row of that
-first frame in the packets table."""
+"""A row for each message sent: the name of the command or state, the drone that it is sent to or by, when its first
+frame left its origin (null: never), when its first copy reached the far end (null: never), and the row of that first
+frame in the packets table."""
 SAME_MESSAGE_NS = 300_000_000_000
-"""A key that comes again after a longer time names another message: MQTT-XT's stamps begin again after 655 s."""
+"""A key that is seen again after a longer time belongs to another message: MQTT-XT's stamps wrap after 655 s."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Commands and states of the window, as `SENT` has them.
+    """Commands and states of the window, with the columns of `SENT`.
 
     `frames_per_call` is the mean number of frames that left the ground station for a call, repetitions included.
-    `left_ns` is when the ground station took its leave, after which nobody sends it states (None: it did not).
+    `left_ns` is when the ground station signed off, after which it is sent no states (None: it did not).
     """
 
     commands: pl.DataFrame = field(default_factory=SENT.to_frame)
@@ -38,28 +38,28 @@ class Exchange:
     left_ns: int | None = None
 
     def states_until_ns(self, packets: Packets, ways: Ways) -> dict[int, int]:
-        """Until when states could come, by drone: while the station's capture ran and the station had not left."""
+        """By drone until when states could arrive: until the station's capture ended or the station signed off."""
         captured_ns = packets.until_ns[STATION]
         return dict.fromkeys(ways.drones, captured_ns if self.left_ns is None else min(captured_ns, self.left_ns))
 
 
 def calls_in(events: list[dict[str, Any]], window: Window) -> list[dict[str, Any]]:
-    """The API calls of the mission in the order of time."""
+    """The mission's API calls, sorted by time."""
     calls = [e for e in events if e["event"] == "command" and window.asked_ns <= e["t_ns"] <= window.end_ns]
     return sorted(calls, key=lambda call: int(call["t_ns"]))
 
 
 def mean_frames(calls: list[dict[str, Any]], frames: Counter[str]) -> dict[str, float]:
-    """Frames for each call, by command; a call for which no frame left counts too."""
+    """The mean number of frames per call, by command; a call without frames counts too."""
     asked = Counter(str(call["command"]) for call in calls)
     return {command: round(frames[command] / count, 3) for command, count in asked.items()}
 
 
 def with_arrivals(sent: pl.DataFrame, arrived: pl.DataFrame, by: list[str], repeats: bool) -> pl.DataFrame:
-    """`sent` with the column `arrived_ns`: when the first copy of each message came, null where none did.
+    """Add the column `arrived_ns` to `sent`: when the first copy of each message arrived, null if none did.
 
     `sent` has the columns `by` and `t_ns`, `arrived` has `by` and `arrived_ns`; each copy belongs to the last message
-    of its key that was sent before it. `repeats`: a key that is sent again soon is the same message.
+    with its key that was sent before it. `repeats`: a key sent again within SAME_MESSAGE_NS is the same message.
     """
     sent = sent.sort("t_ns", maintain_order=True)
     if repeats:
@@ -79,10 +79,10 @@ def with_arrivals(sent: pl.DataFrame, arrived: pl.DataFrame, by: list[str], repe
 
 
 def count_messages(sent: pl.DataFrame, until_ns: dict[int, int]) -> dict[str, KindOfMessages]:
-    """By name how many were sent and lost, and for each drone.
+    """Count the messages sent and lost, by name and drone.
 
-    What has not come is `open`, not lost, if it left so late that no message of its name was as slow as the time that
-    was left until `until_ns`: the time, by drone, until which the far end could take it.
+    `until_ns` is, by drone, until when the far end could receive. A message that did not arrive is `open`, not lost,
+    if the time left until then was shorter than the longest delay of a message with its name.
     """
     found: dict[str, KindOfMessages] = {}
     for (name,), group in sorted(sent.group_by("name", maintain_order=True)):

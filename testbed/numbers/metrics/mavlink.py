@@ -20,7 +20,7 @@ STATE_MESSAGES = {
     **{"BATTERY_STATUS": "battery", "GLOBAL_POSITION_INT": "location"},
     **{"VFR_HUD": "groundspeed", "HEARTBEAT": "flight_mode"},
 }
-"""What carries which state; GLOBAL_POSITION_INT carries the heading too and counts once."""
+"""The state that each message carries; GLOBAL_POSITION_INT carries the heading too and counts once."""
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 _SEQUENCES = 256
 _STATION_SYSTEM = 245
@@ -29,7 +29,7 @@ _STATION_SYSTEM = 245
 
 @dataclass(frozen=True)
 class Call:
-    """How a call is recognised by its command: MAV_CMD, and what its first parameters must be (None: anything)."""
+    """The command by which a call is recognised: its MAV_CMD and the values of its first parameters (None: any)."""
 
     command: int
     params: tuple[float | None, ...] = ()
@@ -39,7 +39,7 @@ class Call:
         return message["command"] == self.command and all(value in (None, found) for value, found in wanted)
 
     def matches(self) -> pl.Expr:
-        """Of a command's message: the same as `fits`."""
+        """As `fits`, for the messages table."""
         found = pl.col("command") == self.command
         for number, value in enumerate(self.params, 1):
             if value is not None:
@@ -47,7 +47,7 @@ class Call:
         return found
 
     def is_of(self, event: dict[str, Any]) -> bool:
-        """Whether an autopilot's `command` event is this."""
+        """Whether an autopilot's `command` event is of this call."""
         wanted = zip(self.params, event["params"], strict=False)
         return bool(event["command"] == self.command and all(value in (None, found) for value, found in wanted))
 
@@ -66,11 +66,11 @@ CALLS: dict[str, Call] = {
 }
 """The command of each call (MAV_CMD; DO_SET_MODE with PX4's main and sub mode)."""
 BESIDE = {"goto": _HOLD}
-"""What MAVSDK sends for a call before the command itself."""
+"""The command that MAVSDK sends for a call before the call's own."""
 
 
 def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]]) -> Exchange:
-    """What the mission's messages say. A call was received if any copy of its command reached its drone."""
+    """Follow the mission's calls and states. A call was received if any copy of its command reached its drone."""
     calls = [call for call in calls_in(events, window) if call["command"] in CALLS]
     commands = packets.messages.filter(pl.col("kind").cast(pl.String).is_in(COMMANDS)).with_columns(
         pl.col("link").cast(pl.String)
@@ -102,7 +102,7 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
 
 
 def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame:
-    """The rows of commands, their ACKs and the five states in the messages table, and the name of each kind."""
+    """The rows of commands, their ACKs and the five states in the messages table, with the name of each one's kind."""
     kind = pl.col("kind").cast(pl.String)
     rows = messages.with_row_index("row").with_columns(pl.col("row").cast(pl.Int64))
     is_command = kind.is_in(COMMANDS)
@@ -120,9 +120,9 @@ def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame
 
 
 def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> Mavlink:
-    """The `mavlink` part of an attempt: the message mix, what was commanded, what each router passed on.
+    """The `mavlink` part of an attempt: the drones' message mix, the station's messages, the routers' counts.
 
-    In a shared chain a router passes what names no target on to all its neighbours.
+    In a shared chain a router forwards a message without a target to all its neighbours.
     """
     own = (pl.col("kind").cast(pl.String) == "HEARTBEAT") & ~pl.col("system").is_in([*ways.drones, _STATION_SYSTEM])
     messages = packets.messages.filter(pl.col("protocol").cast(pl.String) == "mavlink").with_columns(
@@ -144,8 +144,8 @@ def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> Mavl
 
 
 def _unsent(messages: pl.DataFrame, ways: Ways) -> dict[str, int]:
-    """By drone how many messages never entered its link, as its sequence numbers show: its own router or its socket
-    had no room for them. 256 in a row do not show."""
+    """By drone how many messages never entered its link, by gaps in the sequence numbers: its router or socket had no
+    room for them. A gap of 256 does not show."""
     own = messages.filter(_by_its_drone(ways))
     missing = (pl.col("sequence").diff() - 1) % _SEQUENCES
     gaps = own.group_by("system", "component", maintain_order=True).agg(missing.fill_null(0).sum().alias("missing"))
@@ -154,7 +154,7 @@ def _unsent(messages: pl.DataFrame, ways: Ways) -> dict[str, int]:
 
 
 def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> pl.DataFrame:
-    """The messages of the states that the drones sent in the window, and when the first copy of each came to gs."""
+    """The messages of the states that the drones sent in the window, and when the first copy of each reached gs."""
     states = messages.filter(pl.col("kind").cast(pl.String).is_in(list(STATE_MESSAGES))).with_columns(_key())
     own = states.filter(_by_its_drone(ways)).select(
         pl.col("kind").cast(pl.String).replace_strict(STATE_MESSAGES, return_dtype=pl.String).alias("name"),
@@ -167,7 +167,7 @@ def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> pl.DataFrame:
 
 
 def _streams(shares: pl.DataFrame, ways: Ways, window: Window) -> list[MavlinkStream]:
-    """What the drones send, measured where it enters the link; what answers somebody is named so."""
+    """The messages of the drones, measured where they enter the link; one with a target has ` (answer)` in its name."""
     answers = pl.when(pl.col("target_system").fill_null(0) > 0).then(pl.lit(" (answer)")).otherwise(pl.lit(""))
     own = shares.filter(_by_its_drone(ways))
     sent = own.group_by((pl.col("kind").cast(pl.String) + answers).alias("kind")).agg(
@@ -187,7 +187,7 @@ def _streams(shares: pl.DataFrame, ways: Ways, window: Window) -> list[MavlinkSt
 
 
 def _from_station(shares: pl.DataFrame, ways: Ways) -> list[MavlinkMessage]:
-    """What leaves the ground station; commands by their number."""
+    """The messages that leave the ground station; commands by their MAV_CMD."""
     name = pl.concat_str(pl.col("kind").cast(pl.String), pl.col("command"), separator=" ", ignore_nulls=True)
     sent = shares.filter(pl.col("link").cast(pl.String).is_in(ways.leaving(STATION)), ~pl.col("own"))
     counts = sent.group_by(name.alias("name")).agg(
@@ -198,7 +198,7 @@ def _from_station(shares: pl.DataFrame, ways: Ways) -> list[MavlinkMessage]:
 
 
 def _router(messages: pl.DataFrame, ways: Ways, node: str, up: bool, window: Window, shared: bool) -> Router:
-    """Messages that came to a node in the window, went on from it, and never did though they should have."""
+    """Count the messages that reached a node in the window, those that left it, and those that it dropped."""
     into, out = ways.through(node, up)
     link = pl.col("link").cast(pl.String)
     came = messages.filter(link.is_in(into), window.left)
@@ -216,7 +216,7 @@ def _router(messages: pl.DataFrame, ways: Ways, node: str, up: bool, window: Win
 
 
 def _missing(first: pl.DataFrame, then: pl.DataFrame) -> int:
-    """How many messages of `first` are not in `then`. A key comes again after 256 messages, so copies are counted."""
+    """How many messages of `first` are not in `then`. A key recurs after 256 messages, so its copies are counted."""
     counts = first.group_by("key").len().join(then.group_by("key").len("then"), on="key", how="left")
     return int(
         counts.select((pl.col("len").cast(pl.Int64) - pl.col("then").fill_null(0)).clip(lower_bound=0).sum()).item()
@@ -224,21 +224,21 @@ def _missing(first: pl.DataFrame, then: pl.DataFrame) -> int:
 
 
 def _by_its_drone(ways: Ways) -> pl.Expr:
-    """Of a message: whether it is a drone's own and enters that drone's link."""
+    """Whether a message is a drone's own and enters that drone's link."""
     link = pl.col("link").cast(pl.String)
     own = [link.is_in(ways.leaving(node)) & (pl.col("system") == drone) for drone, node in ways.drones.items()]
     return pl.any_horizontal(own) if own else pl.lit(False)
 
 
 def _share_of_frame(packets: Packets, messages: pl.DataFrame) -> pl.Series:
-    """The bytes of its frame that each message has to answer for: all, or its part of a datagram with several."""
+    """Each message's part of its frame's bytes: all, or a share by length in a datagram with several messages."""
     carried = pl.col("protocol_bytes") + pl.col("payload")
     factor = packets.frames.select(pl.col("size") / carried).to_series().gather(messages["frame"])
     return (factor * messages["bytes"]).alias("share")
 
 
 def _key() -> pl.Expr:
-    """Of a message: what names it from end to end, as one number."""
+    """A message's end-to-end key, as one number."""
     key = pl.col("kind").to_physical().cast(pl.Int64)
     for name, bits in (("system", 8), ("component", 8), ("sequence", 8), ("crc", 16)):
         key = key * 2**bits + pl.col(name)
@@ -250,7 +250,7 @@ def _key_of(message: dict[str, Any]) -> tuple[Any, ...]:
 
 
 def _until(calls: list[dict[str, Any]]) -> list[int]:
-    """For each call when the next one of its command to its drone is asked for; frames from then on are not its own."""
+    """For each call the time of the next call of its command to its drone; frames from then on are not its own."""
     following: dict[tuple[Any, Any], int] = {}
     found = []
     for call in reversed(calls):

@@ -1,4 +1,4 @@
-"""Which messages are a kind's own: those that carry it, what asks for it, and what answers either."""
+"""The messages that are a kind's own: those that carry it, requests for it, and the answers to both."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ STATE_MESSAGE = {
     **{"battery": "BATTERY_STATUS", "location": "GLOBAL_POSITION_INT", "groundspeed": "VFR_HUD"},
     **{"flight_mode": "HEARTBEAT", "heading": "GLOBAL_POSITION_INT"},
 }
-"""What carries each state over MAVLink; one message carries the location and the heading."""
+"""The message that carries each state over MAVLink; one carries both location and heading."""
 SETPOINTS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET")
 REQUEST = "request"
-"""The name of what asks for a stream: SET_MESSAGE_INTERVAL, or MQTT-XT's command of that name."""
+"""The name of a request for a stream: SET_MESSAGE_INTERVAL, or MQTT-XT's command `stream`."""
 _ASKS = "stream"
 _INTERVAL = int(common.MAV_CMD_SET_MESSAGE_INTERVAL)
 _OWN = pl.Schema({"row": pl.Int64(), "name": pl.String()})
@@ -27,8 +27,8 @@ _OWN = pl.Schema({"row": pl.Int64(), "name": pl.String()})
 def own_mavlink(messages: pl.DataFrame, name: str, drones: Collection[int]) -> pl.DataFrame:
     """`row` and `name` of a kind's own rows among `messages`, which have the column `row`.
 
-    The names are the kind's, `NAME ack`, and for a state `request` and `request ack`; what MAVSDK sends beside a call
-    is `beside`, with `beside ack`.
+    The names are the kind's, `NAME ack`, and for a state `request` and `request ack`. An extra command that MAVSDK
+    sends with a call is `beside`, with `beside ack`.
     """
     kind, drone = pl.col("kind").cast(pl.String), list(drones)
     commands = kind.is_in(COMMANDS) & pl.col("target_system").is_in(drone)
@@ -50,9 +50,9 @@ def own_mavlink(messages: pl.DataFrame, name: str, drones: Collection[int]) -> p
 
 
 def own_mqttxt(messages: pl.DataFrame, name: str, ways: Ways) -> pl.DataFrame:
-    """The same over MQTT-XT: the kind's name, `NAME result`, `request` and `request result`.
+    """As `own_mavlink`, over MQTT-XT: the kind's name, `NAME result`, `request` and `request result`.
 
-    A bundle is a state's own where it has that state in it.
+    A bundle is a state's own if it contains that state.
     """
     from_drones = {link for node in ways.drones.values() for link in ways.leaving(node)}
     publishes = messages.filter(pl.col("body").is_not_null() & pl.col("topic").is_not_null())

@@ -1,4 +1,4 @@
-"""The message set: of each of its ten kinds what went over the links for it, how long it took, and what was lost."""
+"""The message set: for each of its ten kinds the traffic on the links, the delays and the losses."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from .ways import Ways
 from .window import Window, is_message_set
 
 _SAME_MESSAGE = {"heading": "location"}
-"""Over MAVLink one message carries both, and end to end it is known by the second's name."""
+"""Over MAVLink one message carries both; an Exchange has it by the second name."""
 _BETWEEN = ":"
-"""Between a kind and the name of one of its own messages, while all kinds are measured together."""
+"""Separates a kind from the name of one of its own messages while all kinds are measured together."""
 
 
 def measure_kinds(
     packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]], exchange: Exchange, is_mavlink: bool
 ) -> dict[str, KindEntry] | None:
-    """By kind, in the order in which they were flown; None for a mission that is no message set."""
+    """The entries by kind, in the order of the flight; None if the mission was not the message set."""
     if not is_message_set(events):
         return None
     drones = {drone for event in events if event["event"] == "mission_start" for drone in event["drones"]}
@@ -69,11 +69,11 @@ def measure_kinds(
 
 
 def _own_frames(carrying: pl.Series, within: pl.DataFrame, answers: pl.DataFrame) -> tuple[Ints, Ints]:
-    """The frames of `within` that carry own messages or go on with one; and what acknowledges them, at once or later.
+    """The frames of `within` that carry own messages or continue one, and the acknowledgements of these frames.
 
     `answers` has for a frame (`frame`) the one that acknowledges it and does nothing else (`answer`).
 
-    TCP may wait before it acknowledges, so that this comes when the call has returned; it is a part of its price.
+    TCP may delay an acknowledgement until after the call has returned; it still counts for the call.
     """
     own = carrying.unique().to_list()
     mine = within.filter(pl.col("begins").is_in(own) | pl.col("frame").is_in(own))["frame"]
@@ -82,9 +82,9 @@ def _own_frames(carrying: pl.Series, within: pl.DataFrame, answers: pl.DataFrame
 
 
 def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: Exchange) -> KindMessages:
-    """How many of the kind's messages were sent and lost, and how long each took, in their order; null: lost.
+    """The kind's messages sent and lost, and the delay of each in order; None: lost.
 
-    `name` is what `exchange` calls them.
+    `name` is their name in `exchange`.
     """
     if kind.form == "command":
         sent = _of_calls(kind, exchange.commands)
@@ -107,7 +107,7 @@ def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: E
 
 
 def _of_calls(kind: Kind, commands: pl.DataFrame) -> pl.DataFrame:
-    """A row for each call: the first of its command's messages that left the station, with nulls where none did."""
+    """A row for each call: the first of its messages that left the station, with nulls if none did."""
     own = commands.filter(pl.col("name") == kind.name, pl.col("t_ns").is_not_null()).sort("t_ns", maintain_order=True)
     made = np.array([call.t_ns for call in kind.calls], dtype=np.int64)
     left_ns = own["t_ns"].to_numpy()

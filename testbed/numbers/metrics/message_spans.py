@@ -1,4 +1,4 @@
-"""The message set as the mission flew it: when each kind was on, its calls or values, and what came of them."""
+"""The message set as flown: when each kind was measured, its calls or values, and their outcomes."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ import polars as pl
 from ...fly.pcap import Ints
 
 GOOD_WORDS = frozenset({"accepted", "in_progress", "completed"})
-"""First words about a call that say the autopilot took the command."""
+"""First words about a call by which the autopilot took the command."""
 NO_WORD = "no word about it"
 NOT_IN_TIME = "did not come in time"
 
 Event = dict[str, Any]
 Span = tuple[int, int]
-"""From when to when, nanoseconds, both ends within."""
+"""Start and end in nanoseconds, both inclusive."""
 
 
 @dataclass(frozen=True)
 class Call:
-    """An API call: when it was made, when its first word came (None: none did), and what it failed by (None: not)."""
+    """An API call: when it was made, when its first word arrived (None: never), why it failed (None: it did not)."""
 
     t_ns: int
     heard_ns: int | None
@@ -32,7 +32,7 @@ class Call:
 
     @property
     def took_ms(self) -> float | None:
-        """From the call to the word that the autopilot took it; None where there was no such word."""
+        """The time from the call to the word that the autopilot took it; None without such a word."""
         if self.heard_ns is None or self.failure is not None:
             return None
         return round((self.heard_ns - self.t_ns) / 1e6, 3)
@@ -40,10 +40,10 @@ class Call:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of message while it was on. `form` is command or state, `asked` how many it was to have been.
+    """A kind of message while it was measured. `form` is command or state, `asked` the number of calls or values due.
 
-    `received` are calls that the autopilot took, or values that came; `spans` is what is counted of it: each call up
-    to its first word, or all of a state's time.
+    `received` counts the calls that the autopilot took, or the values that arrived. `spans` are the times in which
+    traffic is counted: from each call to its first word, or all of a state's time.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Kind:
     spans: tuple[Span, ...]
     calls: tuple[Call, ...] = ()
     ages_ms: tuple[float, ...] = ()
-    """Of a state's values how old each was at most when it reached the program, where the protocol has that."""
+    """The age of each value of a state when it reached the program, an upper bound; empty if the protocol has none."""
 
     @property
     def seconds(self) -> float:
@@ -64,11 +64,11 @@ class Kind:
 
     @property
     def entered(self) -> pl.Expr:
-        """Of a row of packets or messages: whether it entered its link while the kind was on, spans or not."""
+        """Whether a row of packets or messages entered its link while the kind was measured, in a span or not."""
         return pl.col("t_ns").is_between(self.start_ns, self.end_ns)
 
     def rows_within(self, t_ns: Ints) -> Ints:
-        """Which of some times, given in their order, are within the spans: their places."""
+        """The indexes of the times within the spans; `t_ns` is sorted."""
         if not self.spans:
             return np.empty(0, dtype=np.int64)
         starts, ends = np.array(self.spans, dtype=np.int64).T
@@ -78,13 +78,13 @@ class Kind:
 
 
 def kinds_of(events: list[Event]) -> list[Kind]:
-    """The kinds in the order in which they were flown; empty for a mission of another sort."""
+    """The kinds in the order of the flight; empty for a mission that is not the message set."""
     return [_kind(part) for part in _parts(events)]
 
 
 @dataclass
 class _Part:
-    """The events of a kind, from its `kind` to its `kind_done`, or to what came last before the next one."""
+    """The events of a kind, from its `kind` to its `kind_done`, or else to the last before the next kind."""
 
     begin: Event
     end_ns: int
@@ -156,7 +156,7 @@ def _calls(part: _Part) -> Iterator[Call]:
     made = [e for e in part.events if e["event"] == "command" and e["command"] == part.begin["name"]]
     for number, call in enumerate(made):
         word = words.get(call["call"])
-        if word is None:  # what is counted of it ends with the next thing that the mission did
+        if word is None:  # its span ends with the mission's next step
             later = [e for e in part.events if e["t_ns"] > call["t_ns"] and e["event"] in ("reset", "command")]
             heard_ns = int(later[0]["t_ns"]) if later and number + 1 < len(made) else None
             yield Call(int(call["t_ns"]), heard_ns, NO_WORD)

@@ -23,13 +23,13 @@ from .window import Window, is_command
 CommandKey = tuple[int, int, str, int]
 """GS session, seq, name, and the drone: a broadcast is a command to each drone of its fog."""
 _STATE = pl.Schema({"drone": pl.Int64(), "name": pl.String(), "stamp": pl.Int64()})
-"""What names a state from end to end."""
+"""The columns that identify a state from end to end."""
 _CALLED = {"resume": "start_mission"}
-"""Commands that no mission calls by their names: MAVSDK's start leaves a gateway as the former (docs/gateway.md)."""
+"""Commands by the calls that cause them: a gateway sends MAVSDK's start of a mission as `resume` (docs/gateway.md)."""
 
 
 def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]]) -> Exchange:
-    """What the mission's PUBLISHes say. A call of which no frame left the ground station is lost too."""
+    """Follow commands and states by the mission's PUBLISHes. A call without a frame that left the station is lost."""
     publishes = packets.messages.filter(pl.col("body").is_not_null()).with_columns(pl.col("link").cast(pl.String))
     from_station = publishes.filter(pl.col("link").is_in(ways.leaving(STATION)))
     leaving = from_station.filter(window.entered)
@@ -57,7 +57,7 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
 
 
 def _left_ns(from_station: pl.DataFrame) -> int | None:
-    """When the ground station published that it is down (R9.3), after which a fog has nobody to send states to."""
+    """When the ground station published that it is down (R9.3), after which no fog sends it states; None if never."""
     said = from_station.filter(pl.col("topic").str.contains(r"^gs/[^/]+/reachable$")).sort("t_ns")
     for t_ns, body in said.select("t_ns", "body").iter_rows():
         try:
@@ -69,7 +69,7 @@ def _left_ns(from_station: pl.DataFrame) -> int | None:
 
 
 def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame:
-    """The rows of commands, their results and states in the messages table, and the name of each kind."""
+    """The rows of commands, their results and states in the messages table, with the name of each one's kind."""
     rows = messages.with_row_index("row").filter(pl.col("body").is_not_null() & pl.col("topic").is_not_null())
     found = []
     for row, topic, body in rows.select("row", "topic", "body").iter_rows():
@@ -79,7 +79,7 @@ def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame
 
 
 def kind_of(topic: str, body: bytes) -> str | None:
-    """What a PUBLISH is: a command's name, `NAME result`, a state's name, or `states` for a bundle."""
+    """The kind of a PUBLISH: a command's name, `NAME result`, a state's name, or `states` for a bundle; None: other."""
     *before, last = topic.split("/")
     if last == "commands":
         return next((name for (_, _, name), _ in _commands(body)), None)
@@ -94,7 +94,7 @@ def _unsent(
 ) -> Iterator[tuple[str, int]]:
     """(command, drone) of each call whose command never left the ground station.
 
-    What left belongs to the last call of its command and drone that was made before it.
+    A command that left belongs to the last earlier call of that command to that drone.
     """
     times: dict[tuple[str, int], list[int]] = {}
     for (_, _, name, drone), (t_ns, _) in sent.items():
@@ -128,7 +128,7 @@ def _commands_sent(publishes: pl.DataFrame, ways: Ways) -> tuple[dict[CommandKey
 def _selects_sent(publishes: pl.DataFrame) -> Counter[str]:
     """How many frames asked fogs for the best drone of each kind of command, or chose it (`fogX/commands/C`).
 
-    To whom such a command goes the fogs say, so it is in no count of commands sent and lost.
+    The fogs decide which drone gets such a command, so it is not counted among the commands sent and lost.
     """
     levels = pl.col("topic").str.split("/").list
     asked = publishes.filter((levels.get(-2, null_on_oob=True) == "commands").fill_null(False))
@@ -148,7 +148,7 @@ def _commands_received(publishes: pl.DataFrame, ways: Ways) -> dict[CommandKey, 
 
 
 def _addressed(topic: str, ways: Ways) -> list[int]:
-    """The drones that a command's topic means: `fogX/droneY/commands` one, `fogX/commands` all of the fog."""
+    """The drones that a command's topic addresses: `fogX/droneY/commands` one, `fogX/commands` all of the fog."""
     fog, *rest = topic.split("/")
     if len(rest) == 2:
         return [drone for drone in ways.drones if rest[0] == f"drone{drone}"]
@@ -156,7 +156,7 @@ def _addressed(topic: str, ways: Ways) -> list[int]:
 
 
 def _states(publishes: pl.DataFrame, time: str, relayed: bool) -> pl.DataFrame:
-    """A row for each state in the PUBLISHes: what names it, the frame, and the column `time`."""
+    """A row for each state in the PUBLISHes: its key (`_STATE`), the frame, and the column `time`."""
     rows = [
         (*key, at, row)
         for at, row, topic, body in publishes.filter(pl.col("topic").is_not_null())
@@ -168,8 +168,8 @@ def _states(publishes: pl.DataFrame, time: str, relayed: bool) -> pl.DataFrame:
 
 
 def _commands(body: bytes) -> Iterator[tuple[tuple[int, int, str], int | None]]:
-    """(GS session, seq, name) of each command in a PUBLISH, which names it from end to end, and for which drone it is
-    signed; None where the topic says to whom it goes.
+    """(GS session, seq, name) of each command in a PUBLISH, which identifies it from end to end, and the drone that it
+    is signed for; None where the topic addresses it.
     """
     drone: int | None
     for drone, payload in by_drone(body).items() or ((None, inside(body)),):
@@ -181,7 +181,7 @@ def _commands(body: bytes) -> Iterator[tuple[tuple[int, int, str], int | None]]:
 
 
 def state_keys(topic: str, payload: bytes, relayed: bool) -> Iterator[tuple[int, str, int]]:
-    """(drone, state, origin stamp) of each state in a message: what names a state from end to end."""
+    """(drone, state, origin stamp) of each state in a message, which identifies the state from end to end."""
     levels = topic.split("/")
     try:
         if len(levels) >= 3 and levels[-2] == "state":
@@ -200,6 +200,6 @@ def state_keys(topic: str, payload: bytes, relayed: bool) -> Iterator[tuple[int,
 
 
 def _drone(level: str) -> int | None:
-    """The number in `droneY`, None for another level."""
+    """The number in `droneY`; None for any other level."""
     number = level.removeprefix("drone")
     return int(number) if number.isascii() and number.isdecimal() and number != level else None

@@ -13,13 +13,13 @@ from .shaping import Shaping
 from .window import Window
 
 _EVERYWHERE = {"arp", "ipv6", "igmp"}
-"""What every network's own nodes send on their own ports."""
+"""Kinds of frames that the nodes of every network send by themselves."""
 
 
 def notes(
     packets: Packets, shaping: Shaping, losses: Mapping[str, Any], window: Window, foreign: Mapping[str, int]
 ) -> list[str]:
-    """One line each, nothing when there is nothing to say."""
+    """The notes on an attempt, one line each; empty if there are none."""
     said = [f"{name} was cut off; it is counted up to the cut" for name in packets.truncated]
     strangers = {kind: count for kind, count in foreign.items() if kind not in _EVERYWHERE}
     others = packets.frames.filter(window.entered, pl.col("purpose").cast(pl.String) == "other")
@@ -37,7 +37,7 @@ def notes(
 
 
 def machines_note(manifest: Mapping[str, Any]) -> list[str]:
-    """Of a flight over several machines: what the way to each takes past all links."""
+    """For a flight on several machines, the round trip to each besides all links."""
     ways = [f"{way['round_trip_ms']:.2f} ms to {way['machine']}" for way in manifest.get("machines", [])]
     return (
         [f"past all links the way from net and back took {', '.join(ways)}; delays are told by captures alone"]
@@ -47,7 +47,7 @@ def machines_note(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def unsent_note(unsent: Mapping[str, int]) -> list[str]:
-    """What drones sent and their own queues dropped, which no capture has."""
+    """Messages that the drones' own queues dropped, which no capture has."""
     each = ", ".join(f"{count} of drone {drone}" for drone, count in unsent.items())
     return (
         [f"messages dropped before they entered a link, by sequence numbers, of unknown kinds: {each}"] if each else []

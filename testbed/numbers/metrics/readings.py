@@ -1,4 +1,4 @@
-"""What sensors measured and what of it reached the ground station: each value with its way, and each series."""
+"""The values that sensors measured and those that reached the ground station: each value's way, and each series."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ _TOPIC = r"(^|/)sensor\d+/[^/]+$"
 _OWN_PURPOSES = ("sensor", "acknowledgement", "upkeep")
 
 Key = tuple[int, int, int, int]
-"""What names a reading: drone, sensor, the sensor's boot, and its number there."""
+"""The key of a reading: drone, sensor, the sensor's boot, and the sequence number in that boot."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One value that a sensor wrote down, and its way; None for what did not happen.
+    """A value in a sensor's record, and its way; the time of a step that did not happen is None.
 
     time_ms      when it was measured, since 1970
-    left_ns      when its first frame left the sensor's node, by capture
-    arrived_ns   when the first copy reached the ground station's node, by capture
-    told_ns      when the ground station's program had it with the value, the unit and the time that were measured
+    left_ns      when its first frame left the sensor's node, by the captures
+    arrived_ns   when the first copy reached the ground station's node, by the captures
+    told_ns      when the ground station's program had it, with value, unit and time as measured
     """
 
     drone: int
@@ -54,18 +54,18 @@ class Measured:
 
     @property
     def delay_ms(self) -> float | None:
-        """From the sensor's node to the ground station's, by capture."""
+        """From the sensor's node to the ground station's, by the captures."""
         return _milliseconds(self.left_ns, self.arrived_ns)
 
     @property
     def delay_app_ms(self) -> float | None:
-        """From being measured to the ground station's program having it."""
+        """From the measurement until the ground station's program had the value."""
         return _milliseconds(self.time_ms * 1_000_000, self.told_ns)
 
 
 @dataclass(frozen=True)
 class Readings:
-    """All values in the order in which they were measured, and how many arrived otherwise, by (drone, sensor, kind)."""
+    """All values in the order of measurement, and how many arrived changed, by (drone, sensor, kind)."""
 
     measured: tuple[Measured, ...]
     wrong: Counter[tuple[int, int, str]]
@@ -74,8 +74,8 @@ class Readings:
 def measure(
     attempt: Attempt, manifest: dict[str, Any], packets: Packets | None, window: Window | None, shaping: Shaping
 ) -> dict[str, Any]:
-    """An attempt's part of `metrics.json`: its series, the delay of their values, the frames that carried them, and
-    those that met a closed sensor link. Raises ResultsError for a sensor's record that cannot be read.
+    """Measure the readings for `metrics.json`: series, delays, the frames that carried them, and the frames lost at a
+    closed sensor link. Raises ResultsError if a sensor's record cannot be read.
     """
     readings = readings_of(attempt, packets)
     if readings is None:
@@ -89,7 +89,7 @@ def measure(
 
 
 def readings_of(attempt: Attempt, packets: Packets | None) -> Readings | None:
-    """None for an attempt without sensors. Raises ResultsError for a sensor's record that cannot be read."""
+    """Follow each reading; None for an attempt without sensors. Raises ResultsError if a record cannot be read."""
     sensors = sensors_of(attempt)
     if not sensors:
         return None
@@ -116,13 +116,13 @@ def readings_of(attempt: Attempt, packets: Packets | None) -> Readings | None:
 
 
 def sensors_of(attempt: Attempt) -> list[int]:
-    """The drones that have a sensor of their number, by the links to these; empty in experiments without."""
+    """The drones that have a sensor (of the same number), by the links to sensors; empty in experiments without."""
     links = [link.name.split(":") for link in attempt.topology().links]
     return sorted(int(name.removeprefix("uav")) for kind, name in links if kind == SENSE)
 
 
 def series_of(readings: Readings, drones: list[int], samples: int) -> list[ReadingsEntry]:
-    """An entry for each series that there should be, whether anything of it was measured or not."""
+    """An entry for each expected series, even if none of its values was measured."""
     by_series: dict[tuple[int, int, str], list[Measured]] = {
         (drone, drone, kind): [] for drone in drones for kind in UNITS
     }
@@ -132,7 +132,7 @@ def series_of(readings: Readings, drones: list[int], samples: int) -> list[Readi
 
 
 def delays_ms(readings: Readings) -> ReadingDelays:
-    """Of all series together: `captures` from node to node, `app` from measuring to the program having it."""
+    """The delays over all series: `captures` from node to node, `app` from the measurement to the program."""
     return {
         "captures": _summary(readings.measured, lambda one: one.delay_ms),
         "app": _summary(readings.measured, lambda one: one.delay_app_ms),
@@ -146,10 +146,10 @@ def name_readings(messages: pl.DataFrame) -> pl.DataFrame:
 
 
 def carried(packets: Packets, window: Window) -> dict[str, dict[str, AmountEntry]]:
-    """MQTT's frames in the window by kind of link and purpose: readings, what acknowledges, what keeps connections.
+    """MQTT's frames in the window by class of link and purpose: readings, acknowledgements, upkeep of connections.
 
-    A frame counts for its first message. Beside MAVLink all of it is the sensors'; over MQTT-XT the last two serve
-    everything else too, but on the links to the sensors.
+    A frame counts for its first message. Beside MAVLink all of them serve the sensors. Over MQTT-XT the last two
+    purposes serve all other messages too, except on the sensors' links.
     """
     found: dict[str, dict[str, AmountEntry]] = {}
     counts = (
@@ -165,10 +165,10 @@ def carried(packets: Packets, window: Window) -> dict[str, dict[str, AmountEntry
 
 
 def out_of_range(packets: Packets, window: Window, events: Iterable[Mapping[str, Any]]) -> int:
-    """Frames of the window that were lost because a sensor's link was closed, its drone being too far away.
+    """Count the frames of the window that were lost because a sensor's link was closed, its drone being too far away.
 
-    `events` are what changed links, in the order of time. A sensor knocks all the while, so its first frames find
-    nobody: that says when the drone came near, and nothing of how good the links are.
+    `events` are the changes of links, sorted by time. A sensor tries to connect all the time, so its first frames are
+    lost: they show when the drone came near, not how good the links are.
     """
     changes: dict[str, list[tuple[int, bool]]] = {}
     for event in events:
@@ -206,7 +206,7 @@ def _summary(own: list[Measured] | tuple[Measured, ...], of: Callable[[Measured]
 
 
 def _written(attempt: Attempt, drone: int) -> Iterator[tuple[Key, dict[str, Any]]]:
-    """What a drone's sensor wrote down; nothing of one that was never reached."""
+    """The readings in the record of a drone's sensor; none if the sensor was never in range."""
     path = attempt.path / "sensors" / f"sensor{drone}.jsonl"
     for line in read_json_lines(path, frozenset({"event"})):
         if line["event"] == "reading":
@@ -232,7 +232,8 @@ def _on_links(packets: Packets, ways: Ways) -> tuple[dict[Key, int], dict[Key, i
 
 
 def _first_times(table: pl.DataFrame, drone: str, time: str) -> dict[Key, int]:
-    """By reading the least of a column; rows without a drone, and what is no reading, are left out."""
+    """By reading the least value of the column `time`; rows without a drone and bodies that are no reading are left
+    out."""
     found: dict[Key, int] = {}
     rows = table.filter(pl.col(drone).is_not_null()).sort(time).select(time, drone, "sensor", "body")
     for t_ns, of, sensor, body in rows.iter_rows():
@@ -245,7 +246,7 @@ def _first_times(table: pl.DataFrame, drone: str, time: str) -> dict[Key, int]:
 
 
 def _is_reading() -> pl.Expr:
-    """Of a message: whether it is a PUBLISH of a reading, wherever on its way."""
+    """Whether a message is a PUBLISH of a reading, on any part of its way."""
     return (pl.col("body").is_not_null() & pl.col("topic").str.contains(_TOPIC)).fill_null(False)
 
 

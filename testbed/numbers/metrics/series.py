@@ -1,4 +1,4 @@
-"""Metrics of a series: every attempt's numbers and what they say together, written to `metrics.json`."""
+"""Metrics of a series: the numbers of every attempt and their statistics, written to `metrics.json`."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .conditions import Flown, check_same, common_machine, common_revision, diff
 from .shaping import read_shaping
 
 METRICS_VERSION = 2
-"""Rises when a field goes or its meaning changes; fields that are added leave it as it is."""
+"""Raised when a field is removed or changes its meaning; new fields do not raise it."""
 SCHEMA = Path(__file__).parents[1] / "schemas" / "metrics.schema.json"
 
 
 def measure_series(series: Series) -> Metrics:
-    """Metrics of every attempt; written to `metrics.json`.
+    """Measure every attempt of a series and write `metrics.json`.
 
-    An attempt that cannot be read is void, for that reason. Raises ResultsError for a series that mixes conditions,
-    and for one of which no attempt can be read.
+    An attempt that cannot be read is void, for that reason. Raises ResultsError if the series mixes conditions, or if
+    none of its attempts can be read.
     """
     flown, unreadable = _manifests(series)
     shapings = [read_shaping(attempt) for attempt, _ in flown]
@@ -69,7 +69,7 @@ def measure_series(series: Series) -> Metrics:
 
 
 def read_metrics(series: Series) -> Metrics:
-    """What `metrics.json` says, measured now where there is none. Raises ResultsError for one of another version."""
+    """Read `metrics.json`; measure the series if it has none. Raises ResultsError if another version made the file."""
     path = series.path / METRICS
     if not path.exists():
         return measure_series(series)
@@ -105,7 +105,7 @@ def _without_references(part: Any, definitions: dict[str, Any]) -> Any:
 
 
 def _manifests(series: Series) -> tuple[list[Flown], dict[Attempt, str]]:
-    """Every attempt whose manifest can be read, and why the others' cannot."""
+    """The attempts whose manifests can be read, and the reasons why the others' cannot."""
     flown: list[Flown] = []
     errors: dict[Attempt, ResultsError] = {}
     for attempt in series.attempts():
@@ -155,5 +155,5 @@ def _without_numbers(attempt: Attempt, manifest: dict[str, Any], verdict: Verdic
 
 
 def _relative(series: Series, error: ResultsError) -> str:
-    """The error with paths as they are below the series, so that it is the same wherever that lies."""
+    """The error's text with paths relative to the series, so that it does not depend on where that is."""
     return str(error).replace(f"{series.path}/", "")

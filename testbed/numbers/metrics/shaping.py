@@ -1,4 +1,4 @@
-"""What an attempt's folder says of its links: how they were measured, what changed them, what the shaper counted."""
+"""The records of an attempt's links: their calibration, their changes, and the shaper's counters."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .window import Window
 
 @dataclass(frozen=True)
 class Shaping:
-    """What is in `<attempt>/links/`; None or empty for what is not. `notes` say what could not be read, a line each.
+    """The files of `<attempt>/links/`; missing ones are None or empty. `notes` has a line per unreadable file.
 
-    `conditions` is the plan as far as it is the same for every attempt: without its seed and what is drawn from it.
+    `conditions` is the part of the plan that is the same for every attempt: without its seed and what is drawn from it.
     """
 
     counters: dict[str, Any] | None = None
@@ -42,13 +42,13 @@ class Shaping:
 
     @property
     def start_ns(self) -> int | None:
-        """When the links' clock began, if the shaper counted until then too; None where it has neither."""
+        """When the links' clock began; None if it did not, or if the shaper took no counts then."""
         if not (self.counters or {}).get("at_start"):
             return None
         return next((int(event["t_ns"]) for event in self.events if event.get("event") == "start"), None)
 
     def events_since(self, window: Window) -> list[dict[str, Any]]:
-        """What changed links, with `t_s` since the window's begin in place of the clock's time."""
+        """The changes of links, with `t_s`, seconds since the window's start, in place of the clock's time."""
         return [
             {"t_s": round((event["t_ns"] - window.start_ns) / 1e9, 3), **{k: event.get(k) for k in _OF_EVENT}}
             for event in self.events
@@ -60,7 +60,7 @@ _OF_EVENT = ("link", "change", "cause")
 
 
 def read_shaping(attempt: Attempt) -> Shaping:
-    """Never raises: a damaged file is named in `notes`, and left out."""
+    """Read the records of an attempt's links. Never raises: a damaged file is left out and named in `notes`."""
     folder = attempt.path / LINKS
     notes: list[str] = []
     counters = _links_of(folder / LINKS_COUNTERS, notes)
@@ -102,7 +102,7 @@ def _links_of(path: Path, notes: list[str]) -> dict[str, Any] | None:
 
 
 def _conditions(plan: Mapping[str, Any] | None) -> str | None:
-    """The links of a plan as text, to compare attempts by."""
+    """The links of a plan as text, by which attempts are compared."""
     inner = plan.get("plan", plan) if plan is not None else None
     links = inner.get("links") if isinstance(inner, dict) else None
     return json.dumps(links, sort_keys=True) if isinstance(links, dict) else None

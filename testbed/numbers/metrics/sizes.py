@@ -1,4 +1,4 @@
-"""Packet size by message kind: the frame that carries one message between two nodes, and what its ACK costs."""
+"""Packet size by message kind: the frame that carries one message between two nodes, and the cost of its ACK."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .window import Window
 def message_sizes(packets: Packets, named: pl.DataFrame, window: Window) -> dict[str, SizeEntry]:
     """By kind, over all links: whole frames' bytes, the message's share of a frame that carries several, its ACK.
 
-    `named` has the columns `row` (in the messages table) and `name`. `ack_bytes` is the mean cost of what answers a
-    frame on the way back, TCP's own acknowledgement or MQTT's; None where nothing does, as over UDP, where a command's
-    COMMAND_ACK is the kind `NAME ack`. A message over several frames counts with the first.
+    `named` has the columns `row` (in the messages table) and `name`. `ack_bytes` is the mean cost of a frame's
+    acknowledgement on the way back, TCP's own or MQTT's; None without one, as over UDP, where a command's COMMAND_ACK
+    is the kind `NAME ack`. A message that spans several frames counts with the first.
     """
     if named.is_empty():
         return {}
@@ -45,11 +45,11 @@ def message_sizes(packets: Packets, named: pl.DataFrame, window: Window) -> dict
 
 
 def acknowledgements(frames: pl.DataFrame, carrying: pl.Expr) -> pl.DataFrame:
-    """For each frame of MQTT that carried bytes and left its link, the frame that acknowledged it (`answer`) and the
-    bytes that this cost (`ack`). `frames` has a column `frame` with each one's row; `carrying` are those asked about.
+    """For each MQTT frame selected by `carrying` that left its link, the frame that acknowledged it (`answer`) and the
+    bytes that this cost (`ack`). `frames` has a column `frame` with each one's row.
 
-    TCP acknowledges with the next frame that enters the way back: a bare one is the cost of all that it answers, a
-    PUBACK is its own frame's, and what carries anything else costs nothing more.
+    TCP acknowledges with the next frame on the way back. The size of a bare acknowledgement or a PUBACK is divided
+    among all frames that it acknowledges; a frame that carries anything else costs nothing.
     """
     mqtt = frames.filter(pl.col("protocol").cast(pl.String) == "mqtt").select(
         *("frame", "t_ns", "left_ns", "size", "messages", "begins"),

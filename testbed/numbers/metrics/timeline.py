@@ -15,10 +15,10 @@ _BINS = (0, 20, 40, 80, 160, 320, 640, 1280, 2560, 5120)
 
 
 def load(packets: Packets, ways: Ways, window: Window) -> Load:
-    """Bytes per second since the window's begin: L(x), through fog x by drone, and their sum, TotalLoad.
+    """Bytes in each second since the window's start: L(x), through fog x by drone, and their sum, TotalLoad.
 
     A drone's bytes through its fog are the frames that entered its air link in either direction. The last second may
-    be a part of one.
+    be incomplete.
     """
     seconds = max(1, -(-(window.end_ns - window.start_ns) // SECOND_NS))
     frames = packets.frames.filter(window.entered).select(
@@ -38,7 +38,7 @@ def load(packets: Packets, ways: Ways, window: Window) -> Load:
 
 
 def over_time(packets: Packets, window: Window) -> dict[str, list[int]]:
-    """Bytes per second that entered each link in either direction, by the kind of link (wan, backhaul, air, sense)."""
+    """Bytes that entered links in either direction in each second, by class of link (wan, backhaul, air, sense)."""
     seconds = max(1, -(-(window.end_ns - window.start_ns) // SECOND_NS))
     frames = packets.frames.filter(window.entered).select(
         pl.col("link").cast(pl.String).str.split(":").list.first().alias("of"),
@@ -59,15 +59,15 @@ def sizes(packets: Packets, window: Window) -> dict[str, int]:
 
 
 def histogram(sizes: pl.Series) -> dict[str, int]:
-    """How many of these sizes are in each of Wireshark's bins; empty bins are left out."""
+    """The number of sizes in each of Wireshark's bins; empty bins are left out."""
     place = np.searchsorted(np.array(_BINS), sizes.to_numpy(), side="right") - 1
     counts = np.bincount(place, minlength=len(_BINS)).tolist()
     return {_bin_name(number): count for number, count in enumerate(counts) if count}
 
 
 def purposes(packets: Packets, window: Window) -> dict[str, AmountEntry]:
-    """Bytes and frames by purpose. A frame counts for its first message; its bytes are shared by length among all
-    messages that begin in it."""
+    """Bytes and frames by purpose. A frame counts for its first message; its bytes are divided among all messages that
+    begin in it, in proportion to their length."""
     frames = packets.frames.with_row_index("frame").filter(window.entered)
     alone = frames.filter(pl.col("messages") <= 1).group_by("purpose").agg(pl.col("size").sum().alias("bytes"))
     several = frames.filter(pl.col("messages") > 1)
@@ -89,7 +89,7 @@ def purposes(packets: Packets, window: Window) -> dict[str, AmountEntry]:
 
 
 def retransmissions(packets: Packets, window: Window) -> Retransmissions:
-    """TCP's frames that brought bytes again: how many, their bytes, how many of them needlessly, and on which links."""
+    """TCP frames with bytes sent before: their number, bytes, how many were needless, and their number by link."""
     again = packets.frames.filter(window.entered, pl.col("repeats").is_not_null())
     links = again.group_by(pl.col("link").cast(pl.String)).len().sort("link")
     return {

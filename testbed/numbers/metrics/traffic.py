@@ -1,4 +1,4 @@
-"""What entered the links in the window: frames, bytes by layer, and frames that did not leave."""
+"""The traffic that entered the links in the window: frames, bytes by layer, and frames that did not leave."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .window import Window
 
 _TRANSPORT = {"mqtt": "tcp", "tcp": "tcp", "mavlink": "udp", "udp": "udp", "mqttsn": "udp"}
 _MESSAGING = {"mqtt": "mqtt", "mavlink": "mavlink", "mqttsn": "mqtt"}
-"""Whose framing a protocol's is: MQTT-SN's stands for MQTT's."""
+"""The layer that a protocol's framing counts for: MQTT-SN's counts for MQTT."""
 
 
 @dataclass
 class LinkCount:
-    """What entered a directed link: frames, their bytes by layer, and frames that did not leave it."""
+    """The traffic that entered a directed link: frames, their bytes by layer, and frames that did not leave it."""
 
     packets: int = 0
     bytes: int = 0
@@ -26,7 +26,7 @@ class LinkCount:
 
 
 def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
-    """The count of each link that anything entered in the window, by its name."""
+    """The counts by link, of each link that a frame entered in the window."""
     sums = (
         packets.frames.filter(window.entered)
         .group_by("link", "protocol")
@@ -53,7 +53,7 @@ def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
 
 
 def count_before(packets: Packets, window: Window) -> dict[str, int]:
-    """Frames and bytes on all links before the window; `other` are frames of no message, such as the links' probes."""
+    """Frames and bytes on all links before the window; `other` counts frames of no message, as the links' probes."""
     early = packets.frames.filter(pl.col("t_ns") < window.start_ns)
     own = early.filter(pl.col("purpose").cast(pl.String) != "other")
     return {"packets": len(own), "bytes": int(own["size"].sum()), "other": len(early) - len(own)}

@@ -28,7 +28,7 @@ _SHOWN = 12
 
 @dataclass(frozen=True)
 class Requirement:
-    """`text` is what was asked for as it was written."""
+    """A condition on a number in `metrics.json`; `text` is the requirement as the user wrote it."""
 
     text: str
     path: tuple[str, ...]
@@ -38,7 +38,7 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a requirement's path stands for; None where nothing was measured, which meets nothing."""
+    """The value at a requirement's path; None where nothing was measured, which never meets the requirement."""
 
     requirement: Requirement
     value: float | None
@@ -54,7 +54,7 @@ class Answer:
 
 
 def parse(text: str) -> Requirement:
-    """PATH OPERATOR NUMBER, the number perhaps in per cent; raises UserError."""
+    """Parse PATH OPERATOR NUMBER, where a `%` may follow the number. Raises UserError for any other text."""
     found = _FORM.fullmatch(text)
     if found is None:
         raise UserError(
@@ -68,7 +68,7 @@ def parse(text: str) -> Requirement:
 
 
 def judge(metrics: Mapping[str, Any], requirement: Requirement) -> Answer:
-    """What a series' metrics say to a requirement; raises UserError for a path that leads nowhere."""
+    """Look up a requirement's value in a series' metrics. Raises UserError if its path leads to no number."""
     first, *rest = requirement.path
     if first in metrics["protocols"]:
         return Answer(requirement, _over_attempts(metrics["protocols"][first], first, rest, requirement))
@@ -84,7 +84,8 @@ def judge(metrics: Mapping[str, Any], requirement: Requirement) -> Answer:
 
 
 def _over_attempts(side: Mapping[str, Any], protocol: str, path: list[str], requirement: Requirement) -> float | None:
-    """A number out of a protocol's attempts: counts of them, or over the completed ones the median or what is asked."""
+    """A count of a protocol's attempts, or a number over the completed ones: the median, unless `path` names another
+    of OVER_ATTEMPTS."""
     attempts = side["attempts"]
     done = [attempt for attempt in attempts if attempt["status"] == "completed"]
     if len(path) == 1 and path[0] in COUNTS:
@@ -113,7 +114,7 @@ class _Missing(UserError):
 
 
 def _numbers(tree: Any, path: list[str], requirement: Requirement, below: str = "") -> list[float] | None:
-    """The number at a path, or all of a list of numbers but for the lost ones' nulls; None where nothing was
+    """The number at a path, or all numbers of a list, without the nulls of lost messages; None where nothing was
     measured."""
     so_far = [below] if below else []
     for name in path:

@@ -1,4 +1,4 @@
-"""Which links are at a node, and which of them lead towards the ground station."""
+"""The links at a node, and which of them lead towards the ground station."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Ways:
 
     @property
     def fogs(self) -> dict[str, list[str]]:
-        """Each node that drones have a link to, and those drones' nodes."""
+        """The nodes of each fog's drones; a fog is a node that drones have a link to."""
         found: dict[str, list[str]] = {}
         for sender, receiver in self._ends.values():
             if sender in self.drones.values() and receiver not in self.drones.values() and self._is_above(receiver):
@@ -50,7 +50,7 @@ class Ways:
 
     @property
     def between(self) -> list[str]:
-        """The nodes at neither end: the cloud and the fogs."""
+        """The nodes between station and drones: the cloud and the fogs."""
         ends = {STATION, *self.drones.values()}
         return [name for name in self._nodes if name not in ends and self._is_above(name)]
 
@@ -61,7 +61,7 @@ class Ways:
         return [name for name, (_, receiver) in self._ends.items() if receiver == node]
 
     def through(self, node: str, up: bool) -> tuple[list[str], list[str]]:
-        """The links on which messages come to a node and go on, from the drones to the station (up) or back."""
+        """The links on which messages reach a node and leave it, from the drones to the station (`up`) or back."""
         stationward = self._stationward(node)
         out_up = [name for name in self.leaving(node) if self._ends[name][1] == stationward]
         in_down = [name for name in self.entering(node) if self._ends[name][0] == stationward]
@@ -70,7 +70,7 @@ class Ways:
         return in_down, [name for name in self.leaving(node) if name not in out_up]
 
     def _is_above(self, node: str) -> bool:
-        """Whether a node lies between the drones and the station, as a sensor does not."""
+        """Whether a node lies between the drones and the station; a sensor does not."""
         return node == STATION or self._stationward(node) not in (None, *self.drones.values())
 
     def _stationward(self, node: str) -> str | None:

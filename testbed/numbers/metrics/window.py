@@ -1,4 +1,4 @@
-"""The window of a mission: what is counted lies within it."""
+"""The window of a mission, in which traffic is counted."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .ways import STATION, Ways
 
 MAV_CMD_ARM = 400
 MESSAGE_SET = "messages"
-"""The scenario of `mission_start` that flies ten kinds of messages, one at a time."""
+"""The scenario in `mission_start` that flies ten kinds of messages, one at a time."""
 SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
 class Window:
-    """From the first arm command leaving the ground station to the last drone's disarming, in the message set to the
-    end of its last kind; nanoseconds.
+    """From the first arm command leaving the ground station until the last drone disarms, in the message set until its
+    last kind ends; nanoseconds.
 
-    `asked_ns` is when that command was asked for.
+    `asked_ns` is when the mission called that command.
     """
 
     start_ns: int
@@ -39,17 +39,17 @@ class Window:
 
     @property
     def entered(self) -> pl.Expr:
-        """Of a row of packets or messages: whether it entered its link in the window."""
+        """Whether a row of packets or messages entered its link in the window."""
         return pl.col("t_ns").is_between(self.start_ns, self.end_ns)
 
     @property
     def left(self) -> pl.Expr:
-        """Of a row of packets or messages: whether it left its link in the window."""
+        """Whether a row of packets or messages left its link in the window."""
         return pl.col("left_ns").is_between(self.start_ns, self.end_ns).fill_null(False)
 
 
 def mission_window(attempt: Attempt, events: list[dict[str, Any]], packets: Packets | None = None) -> Window | None:
-    """None when the mission never began. A failed mission's window ends when it gave up.
+    """The window of an attempt's mission; None if the mission never began. A failed mission's ends when it gave up.
 
     `packets` is the attempt's packets table, loaded if it is not given.
     """
@@ -79,12 +79,12 @@ def is_message_set(events: list[dict[str, Any]]) -> bool:
 
 
 def arm_asked_ns(events: list[dict[str, Any]]) -> int | None:
-    """When the mission first asked for an arming; None when it never began."""
+    """When the mission first called `arm`; None if it never began."""
     return next((int(e["t_ns"]) for e in events if e["event"] == "command" and e["command"] == "arm"), None)
 
 
 def _first_command_ns(attempt: Attempt, packets: Packets, asked_ns: int) -> int:
-    """When the first command left the ground station after it was asked for, by its own capture."""
+    """When the first command after `asked_ns` left the ground station, by the station's capture; else `asked_ns`."""
     leaving = Ways(attempt.topology()).leaving(STATION)
     sent = packets.messages.filter(
         (pl.col("t_ns") >= asked_ns) & pl.col("link").cast(pl.String).is_in(leaving), is_command() | is_arm()
@@ -93,11 +93,11 @@ def _first_command_ns(attempt: Attempt, packets: Packets, asked_ns: int) -> int:
 
 
 def is_command() -> pl.Expr:
-    """Of a message: whether it is a PUBLISH of an MQTT-XT command."""
+    """Whether a message is a PUBLISH of an MQTT-XT command."""
     return pl.col("topic").str.split("/").list.last().eq("commands").fill_null(False)
 
 
 def is_arm() -> pl.Expr:
-    """Of a message: whether it is MAVLink's command to arm."""
+    """Whether a message is MAVLink's command to arm."""
     is_long = pl.col("kind").cast(pl.String) == "COMMAND_LONG"
     return (is_long & (pl.col("command") == MAV_CMD_ARM) & (pl.col("param1") == 1)).fill_null(False)

@@ -1,4 +1,4 @@
-"""The packets table: every frame that entered a link and every message in it, out of an attempt's captures."""
+"""The packets table: every frame that entered a link and every message in it, from an attempt's captures."""
 
 from .table import Packets, load
 

@@ -1,4 +1,4 @@
-"""Captures to the packets table: all files' frames put on their links, matched at both ends, their messages read."""
+"""Makes the packets table from captures: assigns frames to links, matches both ends, and reads the messages."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _OPENS_OR_ENDS = 0x07
 
 @dataclass(frozen=True)
 class Built:
-    """`rows` are the frames on links in the order of time, and behind them those on none; see `table`.
+    """The tables before strays are split off: `rows` are frames on links, sorted by time, then those on none.
 
-    `unread` counts the flows in TLS that the attempt's key log does not open, from somewhere on.
+    `unread` counts the TLS flows that the attempt's key log does not open to their ends.
     """
 
     rows: pl.DataFrame
@@ -46,9 +46,9 @@ class Built:
 
 @dataclass(frozen=True)
 class _Part:
-    """What one capture gives: frames that entered a link there, with what is in them; frames that left one; strays.
+    """The frames of one capture: those that entered a link there, with their messages; those that left one; strays.
 
-    `mavlink.datagram` and the keys of `bodies` (what TCP to or from a broker carries) are places among the entered.
+    `mavlink.datagram` and the keys of `bodies` (the content of MQTT and MQTT-SN frames) are indexes into `entered`.
     """
 
     entered: Columns
@@ -59,7 +59,7 @@ class _Part:
 
 
 def build(attempt: Attempt) -> Built:
-    """The table out of the captures; raises ResultsError for a file that is no capture."""
+    """Make the table from an attempt's captures. Raises ResultsError for a file that is no capture."""
     tree = Tree(attempt.topology())
     macs = _macs(attempt)
     parts: list[_Part] = []
@@ -96,7 +96,7 @@ def build(attempt: Attempt) -> Built:
     }
     strays = stray_rows(nodes, _joined([part.strays for part in parts]))
     found = [part.mavlink for part in parts]
-    del parts  # from here on memory is what the table itself takes, and each step gives back what it has used
+    del parts  # from here on memory holds little more than the table, and each step frees what it has used
     rows = np.concatenate([row_of[first + each.datagram] for first, each in zip(firsts, found, strict=False)])
     segments = _mqtt_segments(entered, bodies)
     directions, unread = _mqtt_directions(segments, read_key_log(attempt.key_log))
@@ -133,7 +133,7 @@ def build(attempt: Attempt) -> Built:
 
 
 def _copies(entered: Words, left: Words) -> int:
-    """How many frames left links as further copies of ones that entered once."""
+    """The number of frames that left links as additional copies of frames that entered."""
     keys, came = np.unique(entered, return_counts=True)
     left_keys, went = np.unique(left, return_counts=True)
     place = np.minimum(np.searchsorted(keys, left_keys), max(0, len(keys) - 1))
@@ -142,9 +142,9 @@ def _copies(entered: Words, left: Words) -> int:
 
 
 def _lost(tree: Tree, entered: Columns, until_ns: dict[str, int]) -> Flags:
-    """Of each frame whether its link lost it: it never left, though the capture at the end went on long enough.
+    """Whether each frame's link lost it: it never left, though the capture at the far end went on long enough.
 
-    Long enough is the longest that any frame was on that link.
+    Long enough is the longest time that any frame was on that link.
     """
     links, stayed = entered["link"], entered["left_ns"] == NOWHERE
     longest = np.zeros(len(tree.links), dtype=np.int64)
@@ -156,7 +156,7 @@ def _lost(tree: Tree, entered: Columns, until_ns: dict[str, int]) -> Flags:
 
 
 def _macs(attempt: Attempt) -> dict[str, int]:
-    """`net`'s own address on each port, where `captures.json` has it."""
+    """The MAC address of `net` on each port, as far as `captures.json` has it."""
     told = {str(capture["node"]): str(capture["mac"]) for capture in attempt.captures() if capture.get("mac")}
     for node, mac in told.items():
         if re.fullmatch(r"(?:[0-9a-fA-F]{2}:){5}[0-9a-fA-F]{2}", mac) is None:
@@ -218,7 +218,7 @@ def _mqtt_segments(entered: Columns, bodies: dict[int, bytes]) -> dict[tuple[int
 
 
 def _flows_of_datagrams(entered: Columns, bodies: dict[int, bytes]) -> Iterable[list[Datagram]]:
-    """The datagrams of MQTT-SN from each port to each other one, on each link."""
+    """The MQTT-SN datagrams of each flow from port to port, on each link."""
     flows: dict[tuple[int, ...], list[Datagram]] = {}
     names = ("link", "source", "source_port", "destination", "destination_port", "left_ns")
     rows = np.flatnonzero(entered["protocol"] == MQTT_SN)
@@ -231,11 +231,11 @@ def _flows_of_datagrams(entered: Columns, bodies: dict[int, bytes]) -> Iterable[
 def _mqtt_directions(
     segments: dict[tuple[int, ...], list[Segment]], key_log: dict[bytes, dict[str, bytes]]
 ) -> tuple[list[Direction], int]:
-    """Each direction of each connection, and how many of them in TLS cannot be read, or not to their ends.
+    """Each direction between two ports, and the number of TLS directions that cannot be read to their ends.
 
-    What a client asked for in its CONNECT decides how its broker's direction is read; so does its session in TLS. A
-    broker encrypts before the client knows the keys: where no key was logged, the client's direction says whether it is
-    missing.
+    A client's direction, by its CONNECT's protocol level and its TLS session, decides how its broker's is read. A
+    broker encrypts before the client has the keys, so where no key was logged only the client's direction shows
+    whether one is missing.
     """
     found, unread = [], 0
     versions: dict[tuple[int, ...], int] = {}
@@ -262,7 +262,7 @@ def _mqtt_directions(
 
 
 def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Direction]) -> pl.Series:
-    """The purpose of each frame: that of its first message, else of what it goes on with, or of TCP itself."""
+    """The purpose of each frame: that of its first message, else of the message that it continues, or of TCP itself."""
     is_mqtt, flags = entered["protocol"] == MQTT, entered["flags"]
     rows = np.flatnonzero(of_first.is_null().to_numpy())
     goes_on = {row: packet for direction in directions for row, packet in direction.carried.items()}
@@ -283,7 +283,7 @@ def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Dire
 
 
 def _repeats(count: int, segments: Iterable[list[Segment]]) -> pl.Series:
-    """Of each frame whether TCP sent its bytes before, and whether it had to."""
+    """The column `repeats`: whether TCP had sent a frame's bytes before, and whether repeating them was needed."""
     found = {row: kind for direction in segments for row, kind in retransmissions(direction).items()}
     kinds = pl.Series(list(found.values()), dtype=pl.Categorical())
     nothing = pl.Series("repeats", [None], dtype=pl.Categorical()).new_from_index(0, count)
@@ -291,18 +291,18 @@ def _repeats(count: int, segments: Iterable[list[Segment]]) -> pl.Series:
 
 
 def _begins(messages: pl.Series, directions: list[Direction]) -> pl.Series:
-    """Of each frame the row of the one in which the message begins that its own first byte belongs to."""
+    """The column `begins`: the row of the frame in which the message of a frame's first byte begins."""
     own = pl.Series("begins", np.arange(len(messages)), dtype=pl.Int64()).set(messages == 0, None)
     found = {row: packet.row for direction in directions for row, packet in direction.carried.items()}
     return own.scatter(list(found), list(found.values())) if found else own
 
 
 def _in_order(columns: Columns) -> tuple[Columns, Ints]:
-    """The columns in the order of time, and which places that order has; what is given is used up."""
+    """Sort the columns by time, and return them with the sorting indexes; empties `columns`."""
     order = np.argsort(columns["t_ns"], kind="stable")
     return {name: columns.pop(name)[order] for name in list(columns)}, order
 
 
 def _joined(parts: list[Columns]) -> Columns:
-    """The same columns of all parts, one behind the other."""
+    """The columns of all parts, concatenated."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

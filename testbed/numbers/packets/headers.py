@@ -1,4 +1,4 @@
-"""Ethernet, IPv4, TCP and UDP headers of a capture's frames, all frames at once."""
+"""Ethernet, IPv4, TCP and UDP headers of a capture, read for all frames at once."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from ...fly.pcap import Bytes, Capture, Flags, Ints, Words, big_endian, windows
 
 PROTOCOLS = ("other", "arp", "ipv6", "icmp", "igmp", "tcp", "udp", "mqtt", "mavlink", "mqttsn")
-"""What a frame carries; the codes of `Headers.protocol` are places in it."""
+"""The protocols of frames; the codes in `Headers.protocol` are indexes into this."""
 OTHER, ARP, IPV6, ICMP, IGMP, TCP, UDP, MQTT, MAVLINK, MQTT_SN = range(len(PROTOCOLS))
 MQTT_PORT, MQTTS_PORT = 1883, 8883
-"""Of brokers, and of brokers in TLS; what either carries is MQTT here, in UDP to the first one MQTT-SN."""
+"""The ports of brokers without and with TLS. TCP on either is MQTT here, UDP on the first is MQTT-SN."""
 ETHERNET = 14
 _IPV4, _ETHER_TYPES = 0x0800, {0x0806: ARP, 0x86DD: IPV6}
 _IP_PROTOCOLS = {1: ICMP, 2: IGMP, 6: TCP, 17: UDP}
@@ -24,11 +24,11 @@ _FOLD = np.uint64(29)
 
 @dataclass(frozen=True)
 class Headers:
-    """An array for each field, an entry for each frame. Addresses are IPv4 as numbers, -1 for what is not IPv4.
+    """An array per field, with an entry per frame. Addresses are IPv4 as numbers, -1 for frames that are not IPv4.
 
-    `ethernet` (padding included), `ip` and `transport` are bytes of headers; what TCP, UDP or IP carries is
-    `data[body:body_end]`. `sequence` and `flags` are TCP's. `key` distinguishes the frames of a link and is the
-    same at both ends of it as long as nothing that it carries has changed: no TTL is in it, nor a checksum.
+    `ethernet` (padding included), `ip` and `transport` are bytes of headers; the content of TCP, UDP or IP is
+    `data[body:body_end]`. `sequence` and `flags` are TCP's. `key` distinguishes the frames of a link, and is the same
+    at both ends of the link if the content is unchanged: it covers neither the TTL nor checksums.
     """
 
     protocol: Ints
@@ -48,7 +48,7 @@ class Headers:
 
 
 def read_headers(capture: Capture) -> Headers:
-    """The headers of every frame; whatever is not IPv4 over Ethernet is Ethernet as a whole."""
+    """Read the headers of every frame; a frame that is not IPv4 counts as Ethernet in full."""
     rows = windows(capture.data, ETHERNET + _LEAST_IP, capture.starts)
     ether_type = big_endian(rows, 12, 2)
     is_ip = (ether_type == _IPV4) & (capture.lengths >= ETHERNET + _LEAST_IP)
@@ -99,8 +99,8 @@ def _protocols(ether_type: Ints, number: Bytes, is_ip: Flags, first: Flags, at: 
 
 
 def _ends(data: Bytes, body: Ints, body_end: Ints) -> list[Words]:
-    """The first 16 bytes of what a frame carries, the last eight, in which a MAVLink message has its CRC, and the sum
-    of all, which shows a turned bit."""
+    """The first 16 bytes of a frame's content, the last eight, which have a MAVLink message's CRC, and the sum of all,
+    which shows a flipped bit."""
     length = body_end - body
     last = np.maximum(body, body_end - 8)
     return [
@@ -115,18 +115,18 @@ def _sum(data: Bytes, body: Ints, length: Ints) -> Words:
     if not len(body):
         return np.empty(0, dtype=np.uint64)
     edges = np.stack([body, body + length], axis=1).ravel()
-    sums = np.add.reduceat(data, edges, dtype=np.uint32)[::2]  # where two edges are equal it gives one byte
+    sums = np.add.reduceat(data, edges, dtype=np.uint32)[::2]  # for two equal edges reduceat gives one byte
     return np.where(length > 0, sums, 0).astype(np.uint64)
 
 
 def _word(data: Bytes, at: Ints, room: Ints) -> Words:
-    """Eight bytes from each place on; those beyond `room` are 0."""
+    """Eight bytes from each position on; those beyond `room` are 0."""
     found: Words = np.ascontiguousarray(windows(data, 8, at)).view("<u8").ravel()
     return found & _ROOM[np.clip(room, 0, 8)]
 
 
 def _mixed(words: list[Words]) -> Words:
-    """64 bits out of many: one in 10^8 attempts would have two frames of a link with the same ones."""
+    """A hash of 64 bits: in one of 10^8 attempts two frames of a link would have the same one."""
     key = np.zeros(len(words[0]), dtype=np.uint64)
     for word in words:
         key = (key ^ word) * _MIX

@@ -1,4 +1,4 @@
-"""Which link a captured frame entered or left, by the tree of nodes; and which frames at its two ends are one."""
+"""Assigns captured frames to the links that they entered or left, and matches the frames at a link's two ends."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOWHERE = -1
 
 
 class Tree:
-    """The topology's links in both directions; a node's next hop towards another is the way through the tree."""
+    """The topology's links in both directions. The nodes are a tree, so each has one next hop towards any other."""
 
     def __init__(self, topology: Topology) -> None:
         self.nodes = [node.name for node in topology.nodes]
@@ -39,18 +39,18 @@ class Tree:
         return self._ends[self.links.index(link)][1]
 
     def node_of(self, addresses: Ints) -> Ints:
-        """Each address's place in `nodes`, NOWHERE for one that no node has."""
+        """The index in `nodes` of the node with each address; NOWHERE if no node has it."""
         if not self.nodes:
             return np.full(len(addresses), NOWHERE, dtype=np.int64)
         place = np.minimum(np.searchsorted(self._addresses, addresses), len(self.nodes) - 1)
         return np.where(self._addresses[place] == addresses, self._order[place], NOWHERE)
 
     def place(self, node: str, headers: Headers, mac: int | None) -> tuple[Ints, Flags]:
-        """The link of each frame that the capture at a node has, and whether it entered it there (or left it).
+        """The link of each frame in a node's capture, and whether the frame entered it there (else it left it).
 
-        `mac` is net's own on that port: what it sent goes to the node. A frame that leaves a node enters the link to
-        the next hop towards its destination, one that arrives has left the link from the previous hop. Without `mac`
-        addresses distinguish both, and only neighbours have a link.
+        `mac` is net's own address on that port: frames sent from it are on their way to the node. A frame from the
+        node enters the link to the next hop towards its destination; a frame to it has left the link from the previous
+        hop. Without `mac` IP addresses tell both apart, and only frames between neighbours get a link.
         """
         source, destination = self.node_of(headers.source), self.node_of(headers.destination)
         links = np.full(len(source), NOWHERE, dtype=np.int64)
@@ -69,7 +69,7 @@ class Tree:
         return links, departs
 
     def _hops(self, node: str) -> tuple[Ints, Ints]:
-        """For each other node: the link on which a frame leaves `node` towards it, and on which one from it arrives."""
+        """For each other node the link on which frames leave `node` towards it, and that on which its frames arrive."""
         out = np.full(len(self.nodes), NOWHERE, dtype=np.int64)
         into = out.copy()
         for number, (lower, upper) in enumerate(self._ends):
@@ -81,7 +81,7 @@ class Tree:
         return out, into
 
     def _behind(self, start: str, without: str) -> set[str]:
-        """The nodes that one reaches from `start` without passing `without`."""
+        """The nodes that are reachable from `start` without passing `without`."""
         found, waiting = {start}, [start]
         while waiting:
             here = waiting.pop()
@@ -91,16 +91,16 @@ class Tree:
         return found
 
     def _neighbours(self, node: str, hops: Ints) -> Ints:
-        """Only those hops that lead to a neighbour itself."""
+        """Keep only the hops to neighbours; the others become NOWHERE."""
         direct = {self.nodes.index(upper) for lower, upper in self._ends if lower == node}
         return np.array([hop if place in direct else NOWHERE for place, hop in enumerate(hops)], dtype=np.int64)
 
 
 def match(entered_key: Words, entered_ns: Ints, left_key: Words, left_ns: Ints) -> Ints:
-    """For each frame that entered a link the place of the same one among those that left, NOWHERE for a lost one.
+    """For each frame that entered a link its index among those that left; NOWHERE for a lost one.
 
-    Both are in the order of time, and a key is a link's. The n-th frame of a key that left is the n-th that entered,
-    unless fewer (or more) left than entered: then it is the last one that had entered before it left.
+    Both are sorted by time, and a key belongs to one link. The n-th frame with a key that left is the n-th that
+    entered, unless fewer (or more) left than entered: then it is the last one that had entered before it left.
     """
     order, left_order = np.argsort(entered_key, kind="stable"), np.argsort(left_key, kind="stable")
     keys, left_keys = entered_key[order], left_key[left_order]

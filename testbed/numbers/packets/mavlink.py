@@ -14,7 +14,7 @@ from sitl.unnamed import NAMES
 from ...fly.pcap import Bytes, Ints, windows
 
 COMMANDS = {75: (28, 30), 76: (28, 30), 77: (0, 8)}
-"""COMMAND_INT, COMMAND_LONG and COMMAND_ACK by id: where the MAV_CMD and the target system are in the payload."""
+"""COMMAND_INT, COMMAND_LONG and COMMAND_ACK by id: offsets of the MAV_CMD and the target system in the payload."""
 NONE = -1
 _MAGIC_1, _MAGIC_2, _SIGNED, _SIGNATURE = 0xFE, 0xFD, 0x01, 13
 _HEAD, _AROUND_1, _AROUND_2 = 10, 8, 12
@@ -23,10 +23,10 @@ _ID_ACK = 77
 
 @dataclass(frozen=True)
 class Messages:
-    """An array for each field, an entry for each message, by datagram and in a datagram's order.
+    """An array per field, with an entry per message, by datagram and in the order within a datagram.
 
-    `datagram` is the place among the datagrams asked about, `size` and `payload_size` are bytes; `target_system` and
-    `command` are NONE where a message has none, `params` are the first three of COMMAND_INT and COMMAND_LONG, else
+    `datagram` is the index of the datagram among those given; `size` and `payload_size` are bytes. `target_system` and
+    `command` are NONE for a message without them; `params` are the first three of COMMAND_INT and COMMAND_LONG, else
     NaN.
     """
 
@@ -45,15 +45,15 @@ class Messages:
 
 
 def name_of(identity: int) -> str:
-    """A message's name in common.xml and what is to come into it, MAVLINK_12345 for one that it does not have."""
+    """A message's name in development.xml (common.xml and additions to come), or else as MAVLINK_12345."""
     known = dialect.mavlink_map.get(identity)
     return str(known.msgname) if known is not None else NAMES.get(identity, f"MAVLINK_{identity}")
 
 
 def find_messages(data: Bytes, starts: Ints, ends: Ints) -> Messages:
-    """The messages that follow each other from a datagram's first byte, up to what is none or is cut.
+    """Find the messages from a datagram's first byte on, up to bytes that are no message or an incomplete one.
 
-    Their CRCs are not checked: links lose frames and change none.
+    Their CRCs are not checked: the frames are read as they entered their links, unchanged by these.
     """
     found: list[Ints] = []
     datagrams, at, end = np.arange(len(starts)), starts, ends
@@ -85,7 +85,7 @@ def find_messages(data: Bytes, starts: Ints, ends: Ints) -> Messages:
 
 
 def _contents(data: Bytes, identity: Ints, payload: Ints, length: Ints) -> dict[str, npt.NDArray[Any]]:
-    """What is read of payloads; their zeros at the end are not sent in MAVLink 2, so what is beyond them is 0."""
+    """The fields read from payloads. MAVLink 2 does not send zeros at the end, so bytes beyond a payload are 0."""
     target = np.full(len(identity), NONE, dtype=np.int64)
     command = target.copy()
     params = np.full((len(identity), 3), np.nan, dtype=np.float32)
@@ -109,7 +109,7 @@ def _field(data: Bytes, payload: Ints, length: Ints, offset: int, width: int) ->
 
 
 def _target_offset(identity: int) -> int | None:
-    """Where `target_system` is in a message's payload; None for a message without one."""
+    """The offset of `target_system` in a message's payload; None for a message without one."""
     if identity in COMMANDS:
         return COMMANDS[identity][1]
     known = dialect.mavlink_map.get(identity)

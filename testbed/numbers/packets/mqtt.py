@@ -1,4 +1,4 @@
-"""MQTT packets in TCP streams, read packet by packet, in TLS too where the session's keys are known."""
+"""MQTT packets in TCP streams, also inside TLS if the session's keys are known."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ VERSION_5 = 5
 _CONNECT, _PUBLISH = 1, 3
 _TOPIC_ALIAS = 0x23
 _FIXED_PROPERTIES = {0x01: 1, 0x02: 4, _TOPIC_ALIAS: 2}
-"""Bytes of a PUBLISH's properties (MQTT 5.0, 3.3.2.3); the others are strings, or a variable byte integer."""
+"""Sizes of a PUBLISH's properties in bytes (MQTT 5.0, 3.3.2.3); others are strings or a variable byte integer."""
 _TEXTS = {0x03: 1, 0x08: 1, 0x09: 1, 0x26: 2}
 
 
 @dataclass(frozen=True)
 class Packet:
-    """An MQTT packet: the frame with its first byte, and when its last byte had left the link (None if never).
+    """An MQTT packet: the row of the frame with its first byte, and when its last byte left the link (None: never).
 
-    `topic` and `payload` are those of a PUBLISH; the topic is the one that an alias stands for (MQTT 5.0, 3.3.2.3.4),
-    empty where the capture does not have it. `size` is bytes of MQTT, or None for a packet that was cut off. `copies`
-    counts the frames that carried its first byte.
+    `topic` and `payload` are those of a PUBLISH. An alias (MQTT 5.0, 3.3.2.3.4) is replaced by its topic, which is
+    empty if the capture does not have it. `size` is bytes of MQTT, None for a packet that was cut off. `copies` counts
+    the frames that carried its first byte.
     """
 
     row: int
@@ -42,12 +42,11 @@ class Packet:
 
 @dataclass
 class Direction:
-    """What one direction of the connections between two ports carried.
+    """The content of one direction of the connections between two ports.
 
-    For each frame with a body `payload_bytes` are the bytes of PUBLISHes' payloads in it, `tls_bytes` those of TLS
-    around what it carries, and `carried` is the packet to which its first byte belongs. `version` is what the last
-    CONNECT asked for; it decides how both directions are to be read.
-    `is_unread`: it has records of TLS that nothing opens.
+    By row of each frame with a body: `payload_bytes` are its bytes of PUBLISHes' payloads, `tls_bytes` those of TLS
+    itself, and `carried` is the packet of its first byte. `version` is the protocol level of the last CONNECT, by which
+    both directions are read. `is_unread`: some TLS records cannot be decrypted.
     """
 
     packets: list[Packet] = field(default_factory=list)
@@ -59,10 +58,10 @@ class Direction:
 
 
 def read_direction(segments: list[Segment], version: int = VERSION_5) -> Direction:
-    """The MQTT packets of one direction, whose segments are in the order of time.
+    """Read the MQTT packets of one direction, whose segments are sorted by time.
 
-    `version` is the protocol level to read PUBLISHes by until a CONNECT says another. Where bytes are missing or are
-    no MQTT, reading goes on at the next segment, as if a packet began there.
+    `version` is the protocol level by which PUBLISHes are read until a CONNECT has another. After missing bytes, or
+    bytes that are no MQTT, reading goes on at the next segment, as if a packet began there.
     """
     found = Direction()
     for segment_group in connections(segments):
@@ -74,9 +73,9 @@ def read_direction(segments: list[Segment], version: int = VERSION_5) -> Directi
 
 
 def read_tls_direction(segments: list[Segment], sessions: Iterable[Secrets], version: int = VERSION_5) -> Direction:
-    """The same of a direction in TLS 1.3; `sessions` are the secrets of those that it may belong to.
+    """As `read_direction`, for a direction in TLS 1.3; `sessions` are the secrets that may open it.
 
-    A record behind a gap cannot be read: nobody knows its number.
+    Records after a gap cannot be decrypted, because their sequence numbers are unknown.
     """
     known = list(sessions)
     found = Direction()
@@ -94,14 +93,14 @@ def read_tls_direction(segments: list[Segment], sessions: Iterable[Secrets], ver
 
 
 def randoms_of(segments: list[Segment]) -> list[bytes]:
-    """The client randoms of the connections that a direction towards a broker has: what names their sessions."""
+    """The client randoms of the connections in a direction towards a broker, which identify their sessions."""
     firsts = [next(runs(group), None) for group in connections(segments)]
     found = [client_random(bytes(run.data)) for run in firsts if run is not None]
     return [random for random in found if random is not None]
 
 
 def _read(run: Run, content: Plain | Clear, found: Direction, aliases: dict[int, str], version: int) -> int:
-    """Read all packets into `found`; returns the protocol version by which to go on."""
+    """Read all packets into `found`; returns the protocol level for the packets that follow."""
     data = content.data
     payloads: list[tuple[int, int]] = []
     starts: list[int] = []
@@ -149,7 +148,7 @@ def _packet(
 
 
 def _share(run: Run, content: Plain | Clear, found: Direction, payloads: list[tuple[int, int]]) -> None:
-    """How many bytes of each frame are payloads."""
+    """Count each frame's bytes of payloads."""
     starts = [start for start, _ in payloads]
     before = [0, *accumulate(end - start for start, end in payloads)]
 
@@ -172,7 +171,7 @@ def _connect_version(rest: bytes) -> int:
 
 
 def _publish(rest: bytes, qos: int, aliases: dict[int, str], version: int) -> tuple[str | None, int | None]:
-    """A PUBLISH's topic, and where in `rest` its payload begins; None where it is not known."""
+    """A PUBLISH's topic, and the position of its payload in `rest`; None where unknown."""
     if len(rest) < 2:
         return None, None
     topic_end = 2 + int.from_bytes(rest[:2], "big")
@@ -193,7 +192,7 @@ def _publish(rest: bytes, qos: int, aliases: dict[int, str], version: int) -> tu
 
 
 def _topic_alias(properties: bytes) -> int | None:
-    """The topic alias among a PUBLISH's properties, None without one."""
+    """The topic alias among a PUBLISH's properties; None without one."""
     position = 0
     while position < len(properties):
         kind = properties[position]
@@ -214,7 +213,7 @@ def _topic_alias(properties: bytes) -> int | None:
 
 
 def _remaining_length(data: bytes | bytearray, position: int) -> tuple[int, int] | None:
-    """A variable byte integer and how many bytes it took; None where it is cut off or none."""
+    """A variable byte integer and its length in bytes; None if it is cut off or invalid."""
     value = 0
     for used in range(1, 5):
         if position >= len(data):

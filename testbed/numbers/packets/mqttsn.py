@@ -1,4 +1,4 @@
-"""MQTT-SN in datagrams, read as what MQTT would have carried: the air leg of a flight with AIR=sn."""
+"""MQTT-SN in datagrams, read as the MQTT packets that it stands for: the air links of a flight with AIR=sn."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNREADABLE = "reserved"
 
 @dataclass(frozen=True)
 class Datagram:
-    """What a frame carried: its row, when it had left the link (None if never), and what is in it."""
+    """The datagram in a frame: the frame's row, when it had left the link (None if never), and its content."""
 
     row: int
     left_ns: int | None
@@ -28,18 +28,19 @@ class Datagram:
 
 @dataclass
 class _Flow:
-    """What is known of the datagrams from one port to another, in the order of time."""
+    """The state of reading the datagrams from one port to another, in the order of time."""
 
     receiver: Receiver = field(default_factory=Receiver)
     unpacker: Unpacker = field(default_factory=lambda: Unpacker(IDS))
     last: tuple[int, range] = (0, range(0))
-    """The message id of the last PUBLISH at QoS 1, and where in `Direction.packets` its messages are."""
+    """The message id of the last PUBLISH at QoS 1, and the indexes of its messages in `Direction.packets`."""
 
 
 def read_datagrams(flows: Iterable[list[Datagram]]) -> Direction:
-    """The messages of all flows; a repeated PUBLISH is the copy of one, which arrives with the first that does.
+    """Read the messages of all flows. A repeated PUBLISH is a copy: the message arrives with the first copy that does.
 
-    A frame counts for its own messages; pieces of one that goes on count as its beginnings do, without a topic.
+    A frame counts for the messages that end in it. A datagram in which none ends, as all but the last piece of a long
+    message, counts as a `publish` without a topic.
     """
     found = Direction()
     for datagrams in flows:
@@ -75,7 +76,7 @@ def _read(datagram: Datagram, flow: _Flow, found: Direction) -> None:
 
 
 def _told(packet: Message, flow: _Flow) -> list[Told]:
-    """The messages that end in a PUBLISH; none where its topic is not predefined."""
+    """The messages that end in a PUBLISH; none if its topic is not predefined."""
     if packet.topic_id == TOGETHER and packet.id_type == PREDEFINED:
         try:
             return flow.unpacker.take(packet.payload)
@@ -86,7 +87,7 @@ def _told(packet: Message, flow: _Flow) -> list[Told]:
 
 
 def _again(datagram: Datagram, packet: Message, flow: _Flow, found: Direction) -> None:
-    """A repetition: its messages have left the link with it, where they had not before."""
+    """Note a repetition: its messages leave the link with it if no earlier copy did."""
     msg_id, places = flow.last
     if msg_id != packet.msg_id:
         _note(found, datagram, "publish")

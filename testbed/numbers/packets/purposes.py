@@ -1,4 +1,4 @@
-"""What a message is for, on either side: the purposes by which traffic is split."""
+"""The purpose of a message, on either side, by which traffic is split."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import polars as pl
 
 PURPOSES = ("command", "result", "state", "presence", "sensor", "upkeep", "acknowledgement", "other")
-"""Commands to drones and what becomes of them; what drones send by themselves; who is there, and rankings of them;
-sensors' readings; what keeps connections and clocks; acknowledgements of TCP, of MQTT and of readings; none of these.
+"""Commands to drones; their results; what drones send unasked; presence and rankings; sensors' readings; upkeep of
+connections and clocks; acknowledgements of TCP, of MQTT and of readings; all others.
 """
 _COMMAND, _RESULT, _STATE, _PRESENCE, _SENSOR, _UPKEEP, _ACKNOWLEDGEMENT, _OTHER = PURPOSES
 _TOPIC_ENDS = {
@@ -28,8 +28,8 @@ _MAVLINK = {
     **dict.fromkeys(("PARAM_EXT_REQUEST_READ", "PARAM_EXT_VALUE", "COMPONENT_METADATA"), _UPKEEP),
 }
 _ASKING = (511, 512, 519, 520, 521)
-"""MAV_CMDs by which a station only asks a vehicle for messages: SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, and
-REQUEST_*_VERSION, _CAPABILITIES. MAVSDK sends them by itself whenever a vehicle appears, or appears again.
+"""MAV_CMDs by which a station only requests messages of a vehicle: SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, and
+REQUEST_*_VERSION, _CAPABILITIES. MAVSDK sends them unasked whenever a vehicle appears or reappears.
 """
 
 

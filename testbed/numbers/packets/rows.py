@@ -33,14 +33,14 @@ MESSAGE_SCHEMA = pl.Schema({
     **{"purpose": _CAT},
 })  # fmt: skip
 _OWN = {name: kind for name, kind in MESSAGE_SCHEMA.items() if name not in ("t_ns", "link", "purpose")}
-"""The columns that a message has of itself, not of its frame, but for the purpose, which is read off these."""
+"""The columns that come from a message itself, not from its frame; the purpose is derived from them."""
 
 
 _AS_THEY_ARE = ("t_ns", "size", "ethernet", "ip", "transport", "key", "offset", "lost")
 
 
 def mavlink_rows(parts: list[Messages], rows: Ints, left_ns: Ints) -> pl.DataFrame:
-    """MAVLink messages in the frames `rows`; a datagram leaves its link with all that is in it."""
+    """Rows of the MAVLink messages in the frames `rows`; all messages of a datagram leave the link together."""
     names = ("version", "system", "component", "sequence", "crc", "size", "target_system", "command", "identity")
     fields: dict[str, Ints] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     params = np.concatenate([part.params for part in parts])
@@ -68,7 +68,7 @@ _OF_MAVLINK = set(_OWN) - {"topic", "body", "protocol"}
 
 
 def mqtt_rows(directions: list[Direction]) -> pl.DataFrame:
-    """MQTT packets of all connections, and what MQTT-SN carried in their place."""
+    """Rows of the MQTT packets of all connections, and of the MQTT-SN packets that stand for such."""
     packets = [packet for direction in directions for packet in direction.packets]
     table = pl.DataFrame(
         [(p.row, p.left_ns, "mqtt", p.kind, p.size, p.copies, p.topic, p.payload) for p in packets],
@@ -85,7 +85,8 @@ def mqtt_rows(directions: list[Direction]) -> pl.DataFrame:
 def frame_rows(
     tree: Tree, nodes: list[str], entered: Columns, messages: pl.DataFrame, payload_bytes: Ints, tls_bytes: Ints
 ) -> pl.DataFrame:
-    """Frames that entered a link; `payload_bytes` are those of messages' payloads in each, `tls_bytes` those of TLS."""
+    """Rows of the frames that entered a link; `payload_bytes` and `tls_bytes` are each frame's bytes of message
+    payloads and of TLS."""
     count = len(entered["t_ns"])
     at = messages["frame"].to_numpy()
     protocol, body = entered["protocol"], entered["body"]
@@ -111,7 +112,7 @@ def frame_rows(
 
 
 def stray_rows(nodes: list[str], strays: Columns) -> pl.DataFrame:
-    """Frames on no link."""
+    """Rows of the frames on no link."""
     told = pl.DataFrame(
         {"t_ns": strays["t_ns"], "size": strays["size"], "protocol": _named(PROTOCOLS, strays["protocol"])}
         | {"node": _named(nodes, strays["node"])}
@@ -121,7 +122,7 @@ def stray_rows(nodes: list[str], strays: Columns) -> pl.DataFrame:
 
 
 def _flows(tree: Tree, entered: Columns) -> tuple[list[str], Ints]:
-    """The names of all flows, and each frame's place among them."""
+    """The names of all flows, and the index of each frame's flow."""
     number = entered["source"]
     for name, width in (("source_port", 16), ("destination", 8), ("destination_port", 16)):
         number = number << width | entered[name]

@@ -1,4 +1,4 @@
-"""What is signed inside a PUBLISH of a fleet that signs (docs/protocol.md, section 12). Nothing here verifies it."""
+"""The signed content of a PUBLISH, in a fleet that signs (docs/protocol.md, section 12). Signatures are not verified."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mqttxt.security.cose import Envelope
 
 
 def inside(body: bytes) -> bytes:
-    """What an envelope is around; a body that is none as it is."""
+    """The payload of an envelope; a body that is not an envelope is returned as it is."""
     try:
         return Envelope.parse(body).payload
     except PayloadError:
@@ -16,7 +16,7 @@ def inside(body: bytes) -> bytes:
 
 
 def by_drone(body: bytes) -> dict[int, bytes]:
-    """The command for each drone, of a body that carries commands signed for drones; of another nothing."""
+    """The command for each drone, if a body carries commands signed for drones; else an empty dict."""
     try:
         return {drone: envelope.payload for drone, envelope in Addressed.parse(body).entries.items()}
     except PayloadError:

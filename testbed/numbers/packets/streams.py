@@ -1,4 +1,4 @@
-"""What TCP carries in one direction: segments put in the order of their sequence numbers, and what carried a byte."""
+"""One direction of TCP: segments in the order of their sequence numbers, and the frames that carried each byte."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SYN = 0x02
 
 @dataclass(frozen=True)
 class Segment:
-    """What one frame carries of a direction of a connection; `row` names it, `left_ns` is None for a lost one."""
+    """The part of a connection's direction in one frame; `row` is the frame's, `left_ns` is None if it was lost."""
 
     row: int
     left_ns: int | None
@@ -22,10 +22,10 @@ class Segment:
 
 @dataclass
 class Run:
-    """Bytes of a connection without a gap. Places are those of the stream, counted from the connection's first byte.
+    """Bytes of a connection without a gap. Places are offsets in the stream, from the connection's first byte.
 
-    `pieces` are the segments that gave bytes, and `begins` the places from which on each did; `copies` are those that
-    brought bytes again, and `copy_begins` the places of their first ones; `longest_copy` is in bytes.
+    `pieces` are the segments with new bytes, and `begins` the place of each one's first new byte. `copies` are the
+    segments that repeated bytes, and `copy_begins` the place of each one's first byte; `longest_copy` is in bytes.
     """
 
     origin: int
@@ -38,7 +38,7 @@ class Run:
     places: list[tuple[int, Segment]] = field(default_factory=list)
 
     def add(self, place: int, segment: Segment) -> None:
-        """Take in the next segment, which begins at or before the end of what is there."""
+        """Add the next segment, which begins at or before the end of the run."""
         self.places.append((place, segment))
         fresh = segment.body[self.reached - place :]
         if place < self.reached:
@@ -63,7 +63,7 @@ class Run:
         return 1 + len(self._copies_with(place, place + 1))
 
     def left_ns(self, start: int, end: int) -> int | None:
-        """When the first copy of each byte had left the link; None where one never did."""
+        """When the first copies of all bytes from `start` to `end` had left the link; None if a byte never did."""
         latest = 0
         for number in range(bisect_right(self.begins, start) - 1, bisect_left(self.begins, end)):
             low = max(start, self.begins[number])
@@ -84,9 +84,9 @@ class Run:
 
 @dataclass(frozen=True)
 class Plain:
-    """What a run says to who reads it: its bytes as they are. `tls.Clear` is the same of an encrypted one.
+    """The content of an unencrypted run, for the reader of packets; `tls.Clear` is that of an encrypted run.
 
-    Offsets count the bytes that are read, places those of the stream.
+    Offsets count bytes of the content, places count bytes of the stream.
     """
 
     run: Run
@@ -96,29 +96,29 @@ class Plain:
         return self.run.data
 
     def place(self, offset: int) -> int:
-        """Where in the stream a byte is."""
+        """The place of a byte in the stream."""
         return self.run.origin + offset
 
     def needs(self, start: int, end: int) -> tuple[int, int]:
-        """From where to where the stream has to be there, for these bytes to be read."""
+        """The places between which the stream is needed to read these bytes."""
         return self.run.origin + start, self.run.origin + end
 
     def before(self, place: int) -> int:
-        """How many bytes that are read come before a place."""
+        """The number of bytes of content before a place."""
         return place - self.run.origin
 
     def serves(self, place: int) -> int | None:
-        """The offset of the byte for which a place of the stream is there; None for what is of no use to a reader."""
+        """The offset of the content byte that a place of the stream serves, as a record's header does; else None."""
         return place - self.run.origin
 
     def resume(self, offset: int) -> int:
-        """Where to go on behind bytes that are nothing: at the next segment."""
+        """The offset at which reading goes on after unreadable bytes: the next segment's."""
         following = bisect_right(self.run.begins, self.run.origin + offset)
         return self.run.begins[following] - self.run.origin if following < len(self.run.begins) else len(self.data)
 
 
 def connections(segments: list[Segment]) -> Iterator[list[Segment]]:
-    """The segments of each connection: a SYN begins one."""
+    """Split segments into those of each connection: a SYN begins one."""
     group: list[Segment] = []
     for segment in segments:
         if segment.syn and group:
@@ -130,7 +130,7 @@ def connections(segments: list[Segment]) -> Iterator[list[Segment]]:
 
 
 def runs(segments: list[Segment]) -> Iterator[Run]:
-    """The bytes of a connection, in the order of their sequence numbers; a new run after each gap."""
+    """Order a connection's bytes by their sequence numbers; each gap begins a new run."""
     first = segments[0].sequence + segments[0].syn
     places = [((segment.sequence + segment.syn - first + 2**31) % 2**32) - 2**31 for segment in segments]
     with_body = [(place, segment) for place, segment in zip(places, segments, strict=True) if segment.body]

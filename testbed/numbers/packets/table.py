@@ -1,32 +1,32 @@
-"""The packets table of an attempt: a row for each frame that entered a link, a row for each message in them.
+"""The packets table of an attempt: a row for each frame that entered a link, and a row for each message in it.
 
 `packets.parquet` and `messages.parquet` in the attempt's folder are a cache; they are made again when a capture or the
 version of the table has changed. Times are nanoseconds since the epoch, sizes bytes.
 
-`frames` (sorted by `t_ns`; a row's number is its name):
+`frames` (sorted by `t_ns`; a frame is referred to by its row number):
 
 | column | type | meaning |
 |---|---|---|
 | `t_ns` | i64 | when it entered the link, by the capture at the link's sending node |
 | `left_ns` | i64 or null | when the first copy left the link unchanged, by the capture at the receiving node |
-| `lost` | bool | it never left, though the capture at the end went on longer than any frame was on that link |
+| `lost` | bool | it never left, though the receiver's capture went on longer than any frame was on that link |
 | `link` | categorical | `air:uav1:up`; up is towards the cloud, so what the ground station sends is on `wan:gs:up` |
 | `source`, `destination` | categorical | the nodes with its IP addresses |
 | `size` | i64 | the Ethernet frame without the FCS |
 | `ethernet`, `ip`, `transport` | i64 | bytes of headers (Ethernet with its padding; TCP or UDP) |
-| `tls` | i64 | bytes of TLS: what its records have around their data, and handshakes |
+| `tls` | i64 | bytes of TLS: what its records add to their data, and handshakes |
 | `protocol_bytes` | i64 | framing of MQTT or MAVLink |
-| `payload` | i64 | the rest: payloads of PUBLISHes and of MAVLink messages; what other protocols carry |
+| `payload` | i64 | the rest: payloads of PUBLISHes and of MAVLink messages; the content of other protocols |
 | `protocol` | categorical | mqtt (in TLS too), mavlink, tcp, udp, icmp, igmp or other |
 | `flow` | categorical | `uav1:14540>fog1:14541`; without ports where there are none |
 | `messages` | i64 | how many messages begin in it; 0 for a bare TCP acknowledgement |
 | `kind` | categorical or null | the first of them |
-| `key` | u64 | what distinguishes it from the other frames of its link, the same at both ends |
-| `node` | categorical | whose capture has it where it entered: `pcap/<node>.pcap` … |
-| `offset` | i64 | … and where in that file its first byte is |
-| `purpose` | categorical | of its first message, else of the one that it goes on with, or of TCP itself |
+| `key` | u64 | distinguishes it from the other frames of its link; the same at both ends |
+| `node` | categorical | the node whose capture has it as it entered: `pcap/<node>.pcap` … |
+| `offset` | i64 | … and the position of its first byte in that file |
+| `purpose` | categorical | of its first message, else of the message that it continues, or of TCP itself |
 | `repeats` | categorical or null | of a TCP retransmission: `needed` if a link had lost some of it, else `needless` |
-| `begins` | i64 or null | the row of the frame in which the message begins that its first byte belongs to; null: none |
+| `begins` | i64 or null | the row of the frame in which the message of its first byte begins; null: no message |
 
 `messages` (sorted by `t_ns`, and by their order within a frame):
 
@@ -65,7 +65,7 @@ from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
 VERSION = 8
-"""Rises with every change of a column's meaning or of how it is made."""
+"""Raised with every change of a column's meaning or of how it is computed."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"
 _TOLD = ("truncated", "unmatched", "duplicates", "until_ns", "unread")
@@ -73,13 +73,13 @@ _TOLD = ("truncated", "unmatched", "duplicates", "until_ns", "unread")
 
 @dataclass(frozen=True)
 class Packets:
-    """What an attempt's captures say. `truncated` names files that were cut off, read up to the cut.
+    """The packets table. `truncated` names capture files that were cut off, which are read up to the cut.
 
     `strays` (`t_ns`, `node`, `protocol`, `size`) are frames on no link, such as ARP, once for each capture that has
-    them; `foreign` counts them by protocol. `unmatched` are frames that left a link and were not seen entering it,
-    `duplicates` those of them that are further copies of a frame that did. Up to `until_ns` the capture at each node
-    is whole; 0 where there is none. `unread` counts the flows in TLS whose messages are not all in the table, because
-    the attempt's key log does not open them.
+    them; `foreign` counts them by protocol. `unmatched` counts the frames that left a link and were not seen entering
+    it, `duplicates` those of them that are further copies of a frame that was. `until_ns` is until when the capture at
+    each node is complete, 0 without one. `unread` counts the TLS flows of which the table lacks messages, because the
+    attempt's key log does not open them.
     """
 
     frames: pl.DataFrame
@@ -94,7 +94,7 @@ class Packets:
 
 
 def load(attempt: Attempt) -> Packets:
-    """The table of an attempt, from the cache if that is still true; raises ResultsError for what is no capture."""
+    """Load an attempt's table, from the cache if it is up to date. Raises ResultsError for a file that is no capture."""
     sources = _sources(attempt)
     cached = _read(attempt.path, sources)
     if cached is not None:
@@ -105,7 +105,7 @@ def load(attempt: Attempt) -> Packets:
 
 
 def _sources(attempt: Attempt) -> dict[str, list[int]]:
-    """What the table is made from: each file's size and time of its last change; its topology is never changed."""
+    """Size and modification time of each file that the table is made from, but the topology, which never changes."""
     beside = (attempt.path / "pcap" / "captures.json", attempt.path / "events.jsonl", attempt.key_log)
     paths = [*sorted((attempt.path / "pcap").glob("*.pcap")), *beside]
     found = {path.name: path.stat() for path in paths if path.exists()}
@@ -113,7 +113,7 @@ def _sources(attempt: Attempt) -> dict[str, list[int]]:
 
 
 def _read(folder: Path, sources: dict[str, list[int]]) -> Packets | None:
-    """The cache, None where there is none, or one of other captures or another version, or one that is damaged."""
+    """Read the cache; None if it is missing, damaged, or made from other captures or by another version."""
     frames, messages = folder / FRAMES, folder / MESSAGES
     try:
         about = json.loads(pl.read_parquet_metadata(frames)[_ABOUT])
@@ -128,7 +128,7 @@ def _read(folder: Path, sources: dict[str, list[int]]) -> Packets | None:
 
 
 def _write(folder: Path, built: Built, sources: dict[str, list[int]]) -> None:
-    """Each file whole or not at all; only two that were made together are taken for a table."""
+    """Write the cache, each file completely or not at all; `_read` takes two files only if made together."""
     about: dict[str, Any] = {"version": VERSION, "made": time.time_ns(), "sources": sources}
     about |= {name: getattr(built, name) for name in _TOLD}
     for name, table in ((MESSAGES, built.messages), (FRAMES, built.rows)):
@@ -141,7 +141,7 @@ def _write(folder: Path, built: Built, sources: dict[str, list[int]]) -> None:
 
 
 def _packets(built: Built) -> Packets:
-    """Rows without a link are the strays; they come last."""
+    """Split off the strays, which are the rows without a link, at the end."""
     rows, messages = built.rows, built.messages
     if rows.schema != FRAME_SCHEMA or messages.schema != MESSAGE_SCHEMA:
         raise ResultsError("the packets table has other columns than expected")

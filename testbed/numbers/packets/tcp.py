@@ -1,4 +1,4 @@
-"""TCP's retransmissions, by what both ends of a link saw: which frames brought bytes again, and which in vain."""
+"""TCP's retransmissions by the captures at both ends of a link: which frames repeated bytes, and which needlessly."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from bisect import bisect_left, bisect_right
 from .streams import Segment, connections
 
 NEEDED, NEEDLESS = "needed", "needless"
-"""What had to be sent again because a link had lost it, and what was sent again although it had arrived."""
+"""A repetition of bytes that a link had lost, and a repetition of bytes that had arrived."""
 
 
 def retransmissions(segments: list[Segment]) -> dict[int, str]:
-    """The frames of one direction between two ports that brought bytes (or a SYN) again, and of which kind each is.
+    """The kind of each frame of one direction between two ports that repeated bytes or a SYN, by its row.
 
-    The segments are in the order in which they entered the link, in which a sender's numbers only fall to repeat. A
-    repetition is needless if every byte of it was in earlier frames that left the link.
+    The segments are in the order in which they entered the link; in it a sender's sequence numbers fall only when it
+    repeats. A repetition is needless if each of its bytes was in an earlier frame that left the link.
     """
     found: dict[int, str] = {}
     opening: Segment | None = None
@@ -59,6 +59,6 @@ class _Ranges:
         self._starts[low:high], self._ends[low:high] = [start], [end]
 
     def hold(self, start: int, end: int) -> bool:
-        """Whether one range has all of it."""
+        """Whether a single range covers all of `start` to `end`."""
         at = bisect_right(self._starts, start) - 1
         return at >= 0 and self._ends[at] >= end

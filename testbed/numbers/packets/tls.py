@@ -1,4 +1,4 @@
-"""TLS 1.3 records of a capture, opened with the session keys that the nodes wrote down (RFC 8446, RFC 9850)."""
+"""TLS 1.3 records of a capture, decrypted with the session keys that the nodes logged (RFC 8446, RFC 9850)."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDFExpand
 from .streams import Run
 
 Secrets = Mapping[str, bytes]
-"""The traffic secrets of a session by their labels in a key log."""
+"""The traffic secrets of a session, by their labels in a key log."""
 _SIDES = ("CLIENT", "SERVER")
 _HANDSHAKE, _APPLICATION = 22, 23
 _HEADER, _TAG, _NONCE = 5, 16, 12
 _HELLO, _RANDOM = b"\x01", slice(11, 43)
-"""A ClientHello's message type, and where a record that begins with one has its random."""
+"""A ClientHello's message type, and the position of its random in a record that begins with one."""
 
 
 def read_key_log(path: Path) -> dict[bytes, dict[str, bytes]]:
-    """The secrets of each session by its client random; of no file none. Lines that are no such secret are left out."""
+    """The secrets of each session by its client random; empty without a file. Lines of any other form are skipped."""
     found: dict[bytes, dict[str, bytes]] = {}
     for line in path.read_text(encoding="ascii", errors="replace").splitlines() if path.exists() else ():
         words = line.split()
@@ -37,14 +37,14 @@ def read_key_log(path: Path) -> dict[bytes, dict[str, bytes]]:
 
 
 def client_random(data: bytes) -> bytes | None:
-    """What names the session of a stream that begins with a ClientHello; None for another."""
+    """The client random, which identifies the session, of a stream that begins with a ClientHello; else None."""
     is_hello = data[:1] == bytes([_HANDSHAKE]) and data[_HEADER : _HEADER + 1] == _HELLO
     return data[_RANDOM] if is_hello and len(data) >= _RANDOM.stop else None
 
 
 @dataclass(frozen=True)
 class Record:
-    """One that carries data: where in the stream it begins and ends, and where its data begins, in both counts."""
+    """A record with application data: its start and end in the stream, and its data's place and offset."""
 
     start: int
     end: int
@@ -55,10 +55,10 @@ class Record:
 
 @dataclass
 class Clear:
-    """What an encrypted run says to who reads it, as `streams.Plain`; places are those of the encrypted stream.
+    """The content of an encrypted run, as `streams.Plain`; places count bytes of the encrypted stream.
 
-    A message can be read once the whole record with its last byte is there. `is_unread`: from somewhere on the records
-    are not opened by the keys.
+    A message can be read once the whole record with its last byte has arrived. `is_unread`: the keys do not open all
+    records.
     """
 
     data: bytearray = field(default_factory=bytearray)
@@ -67,7 +67,7 @@ class Clear:
 
     @classmethod
     def of(cls, run: Run, sessions: Sequence[Secrets]) -> Clear:
-        """The data in a run, which begins where its connection does, with the secrets of the session that opens it."""
+        """Decrypt a run that begins with its connection, by whichever of the sessions' secrets open it."""
         found = cls(is_unread=run.data[0] != _HANDSHAKE)
         keys: _Keys | None = None
         for start, end in _records(run.data):
@@ -108,7 +108,7 @@ class Clear:
         return min(self.before(place), record.offset + record.length - 1)
 
     def resume(self, offset: int) -> int:
-        """Where to go on behind bytes that are nothing: at the next record."""
+        """The offset at which reading goes on after unreadable bytes: the next record's."""
         record = self._with(offset)
         return record.offset + record.length
 
@@ -117,14 +117,14 @@ class Clear:
 
 
 class _Keys:
-    """What opens the records of one direction, in their order: of its handshake, then of what it carries."""
+    """Decrypts the records of one direction, in order: first the handshake's, then the application's."""
 
     def __init__(self, secrets: Secrets, side: str) -> None:
         self._next = [secrets[label] for label in (f"{side}_TRAFFIC_SECRET_0",) if label in secrets]
         self._use(secrets[f"{side}_HANDSHAKE_TRAFFIC_SECRET"])
 
     def open(self, record: bytes) -> bytes | None:
-        """The inner plaintext of the next record; None where neither these keys nor those that follow open it."""
+        """Decrypt the next record, with the current keys or those that follow; None if neither open it."""
         opened = self._open(record)
         if opened is None and self._next:
             self._use(self._next.pop())
@@ -149,9 +149,9 @@ class _Keys:
 
 
 def _keys_of(record: bytes, sessions: Sequence[Secrets]) -> _Keys | None:
-    """Those that open a direction's first encrypted record; whose they are is found by trying.
+    """The keys that open a direction's first encrypted record, found by trying those of all sessions and sides.
 
-    AES in GCM alone, which OpenSSL's defaults agree upon.
+    Only AES-GCM, which OpenSSL's defaults agree upon.
     """
     for secrets in sessions:
         for side in _SIDES:
@@ -161,7 +161,7 @@ def _keys_of(record: bytes, sessions: Sequence[Secrets]) -> _Keys | None:
 
 
 def _records(data: bytearray) -> Iterator[tuple[int, int]]:
-    """From where to where each whole record goes."""
+    """Start and end of each complete record."""
     at = 0
     while at + _HEADER <= len(data):
         end = at + _HEADER + int.from_bytes(data[at + 3 : at + 5], "big")

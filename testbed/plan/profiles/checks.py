@@ -1,4 +1,4 @@
-"""What the schema cannot say: figures of one link that do not fit together."""
+"""Checks beyond the schema: figures of one link that do not fit together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .reading import PARSERS, Figure, Rule
 
 
 def check_link(link: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
-    """Raises UserError naming the figure that does not fit the others; `link` has the plan's fields."""
+    """Raise UserError that names a figure which does not fit the others; `link` has the plan's fields."""
     problem = unfitting(link)
     if problem is not None:
         name, expected = problem
@@ -19,7 +19,7 @@ def check_link(link: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
 
 
 def check_event(link: Mapping[str, Any], rule: Rule, change: Mapping[str, Any]) -> None:
-    """The same for the figures that stand while an event lasts."""
+    """As `check_link`, for the figures during an event."""
     if "rate_bps" in change and link["shared_with"] is not None and rule.link.endswith((":up", ":down")):
         text = rule.change["rate_bps"].text
         raise UserError(f"{rule.where}.change.rate: {text!r}: expected the whole link, its directions share a rate")
@@ -33,7 +33,7 @@ def check_event(link: Mapping[str, Any], rule: Rule, change: Mapping[str, Any]) 
 
 
 def unfitting(link: Mapping[str, Any]) -> tuple[str, str] | None:
-    """The first figure of a link, in the plan's fields, that does not fit the others, and what it had to be."""
+    """The first figure of a link, as plan field, that does not fit the others, and what was expected; None if all fit."""
     if link["rate_bps"] is not None and link["queue_packets"] is None:
         return "rate_bps", "a queue beside it, as queue: 100 packets"
     if link["rate_bps"] is None and link["queue_packets"] is not None:

@@ -1,6 +1,6 @@
-"""What is drawn: seeds, phases and bursts, as functions of a seed and of time, never of what is sent.
+"""Random draws: seeds, phases and bursts, as functions of a seed and of time, never of the traffic.
 
-Two protocols of the same attempt meet the same links, however many packets each of them sends.
+Both protocols of an attempt meet the same links, however many packets each of them sends.
 """
 
 from __future__ import annotations
@@ -13,30 +13,30 @@ from random import Random
 from .reading import Rule
 
 _SEED_BYTES = 6
-"""48 bits: exact in JSON wherever it is read."""
+"""48 bits, which every reader of JSON represents exactly."""
 
 
 def seed_of(*parts: str | int) -> int:
-    """A seed from the parts; the same parts always give the same seed, and another order another one."""
+    """A seed from the parts; the same parts in the same order always give the same seed."""
     digest = hashlib.sha256("/".join(map(str, parts)).encode()).digest()
     return int.from_bytes(digest[:_SEED_BYTES], "big")
 
 
 def plan_seed(experiment: str, attempt: int) -> int:
-    """The seed of an attempt; the protocol and the profile are not in it."""
+    """The seed of an attempt; it does not depend on protocol and profile."""
     return seed_of(experiment, attempt)
 
 
 def link_seed(seed: int, link: str, use: str = "") -> int:
-    """The seed of one link within the plan of that seed; `use` parts draws that must not follow each other."""
+    """The seed of one link in the plan with `seed`; `use` separates draws that must not depend on each other."""
     return seed_of(seed, link, use)
 
 
 def occurrences(rule: Rule, draw: Random, length_us: int) -> Iterator[tuple[int, int]]:
-    """When a rule's event begins and how long it lasts, in microseconds; cut off at the end.
+    """The start and duration of a rule's events, in microseconds, cut off at the end of the plan.
 
-    Periodic events start with a phase drawn evenly from their period. Bursts last evenly between shortest and longest;
-    the gaps between them are exponential, with the mean that gives bursts their share of time.
+    Periodic events start with a phase drawn uniformly from their period. The duration of bursts is uniform between
+    shortest and longest; the gaps between them are exponential, with the mean that gives bursts their share of time.
     """
     for at_us, for_us in _unbounded(rule, draw, length_us):
         if at_us >= length_us:

@@ -1,21 +1,21 @@
 """A plan as `ip` and `tc` commands for a kernel that has netem: two stages for each directed link.
 
-A frame that enters link S>D comes into `net` on its interface towards S. There its destination shows which link it
-takes, since the next hop does; a filter writes the link's number on it (skb mark) and hands it to the first stage:
+A frame on link S>D enters `net` on its interface towards S. Its destination determines the next hop, and so the link. A
+filter sets the link's number as skb mark and redirects the frame to the first stage:
 
-- **rate**: one IFB device, `rate`, for all links. Its HTB parts them by class, and where both directions share a rate a
-  common parent class does the sharing. In each class a netem with nothing but `rate` and `limit` sends one frame after
-  the other and is the link's queue: only what waits for the rate is in it, and what it drops is the queue's loss.
+- **rate**: one IFB device, `rate`, for all links. Its HTB separates them by class; if both directions share a rate, a
+  common parent class does the sharing. In each class a netem with only `rate` and `limit` sends one frame after the
+  other. It is the link's queue: only frames that wait for the rate are in it, and those it drops are the queue's loss.
   (A pfifo in the class would leave the rate to HTB's tokens, by which a frame leaves before its own sending time.)
-- The frame goes on through routing, to the interface towards D, where its number leads to the second stage:
+- Routing then takes the frame to the interface towards D, where its mark leads to the second stage:
 - **delay**: an IFB device of the link's own, with a netem for delay, jitter, loss, duplication, corruption, reordering.
-  What waits there waits in no queue of the first stage. Each is alone on its device because some kernels refuse a
-  netem that duplicates beside others in one tree.
+  Frames that wait there are in no queue of the first stage. Each netem is alone on its device, because some kernels
+  refuse a netem that duplicates together with others in one tree.
 
-An IFB device hands a frame back to where it was taken from, behind the captures on its way in and before those on its
-way out: the captures see what entered the link and what left it. ARP and what is meant for `net` itself match no
-filter. Netem orders frames by when they are due, so that jitter alone would let them overtake each other; with a rate,
-here one that costs a full frame a microsecond, no frame is due before the one ahead of it.
+An IFB device returns a frame to where it was taken from, after the captures on the way in and before those on the way
+out: the captures have what entered the link and what left it. ARP and frames for `net` itself match no filter. Netem
+sorts frames by when they are due, so jitter alone would let them overtake each other; with a rate, here one at which a
+full frame takes a microsecond, no frame is due before the one ahead of it.
 
 Interfaces towards nodes are written `@uav1`: their names are only known inside `net`.
 """
@@ -36,7 +36,7 @@ from .resolve import LinksPlan
 
 RATE_DEVICE = "rate"
 IN_ORDER_BPS = 10_000_000_000
-"""The second stage's rate where order is kept; also the first one's while an event lifts a link's rate."""
+"""The second stage's rate if order is kept; also the first stage's while an event lifts a link's rate."""
 _FULL_FRAME = 1_514
 _WAITING_FRAMES = 10_000
 _BORROWER_BPS, _BORROWER_BURST = 8, 1
@@ -46,7 +46,7 @@ Words = tuple[str, ...]
 
 @dataclass(frozen=True)
 class LinkState:
-    """From `at_s` on; `words` bring the link there from whatever it does."""
+    """A link's state from `at_s` on; `words` are the commands that set it from any other state."""
 
     at_s: float
     closed: bool
@@ -55,9 +55,9 @@ class LinkState:
 
 @dataclass(frozen=True)
 class LinkCommands:
-    """One link: where its stages are, its states from 0 on, and how to let nothing through.
+    """The commands of one link: its states from 0 on, and those that close it (`shut`).
 
-    `queue` is the handle of the first stage's netem, None without one; `device` has the second stage's.
+    `queue` is the handle of the first stage's netem, None without one; `device` is the second stage's.
     """
 
     device: str
@@ -70,7 +70,7 @@ class LinkCommands:
 class Commands:
     """Argument lists: `begin` before the first frame, `timed` at their seconds after the start, `end` after the last.
 
-    `links` has the same changes as `timed`, and more, for who changes links by hand in between.
+    `links` has the changes of `timed` by link, and more, for changes by hand in between.
     """
 
     begin: tuple[Words, ...]
@@ -79,7 +79,7 @@ class Commands:
     links: Mapping[str, LinkCommands] = field(default_factory=dict)
 
     def to_data(self) -> dict[str, Any]:
-        """As JSON has it: `begin` and `end` lists of words, `timed` pairs of seconds and words."""
+        """The commands for JSON: `begin` and `end` are lists of words, `timed` has pairs of seconds and words."""
         return {
             "begin": [list(words) for words in self.begin],
             "timed": [[at_s, list(words)] for at_s, words in self.timed],
@@ -89,7 +89,7 @@ class Commands:
 
 
 def commands_of(plan: LinksPlan, topology: Topology, always: bool = False) -> Commands:
-    """What shapes the plan's links; with `always` every link has its stages, whether or not anything is planned."""
+    """The commands that shape the plan's links; with `always` every link has its stages, even without figures."""
     links = directed_links(plan, topology, always)
     begin: list[Words] = []
     if any(link.has_rate for link in links):
@@ -114,9 +114,9 @@ def commands_of(plan: LinksPlan, topology: Topology, always: bool = False) -> Co
 def change_words(
     plan: LinksPlan, topology: Topology, name: str, link_plan: LinkPlan, closed: bool
 ) -> tuple[Words, ...]:
-    """What gives the directed link `name` other figures during a run whose links were made with `always`.
+    """The commands that give the directed link `name` other figures, in a run whose links were made with `always`.
 
-    Both directions of a shared rate have to be changed. Raises KeyError for a link that the plan does not have.
+    Both directions of a shared rate must be changed. Raises KeyError for a link that the plan does not have.
     """
     link = {each.name: each for each in directed_links(plan, topology, always=True)}[name]
     other = replace(link, states=(*link.states, (0.0, link_plan, closed)))
@@ -139,7 +139,7 @@ def _words_of(link: Directed, step: int, seed: int) -> tuple[Words, ...]:
 
 
 def beyond(topology: Topology, source: str, first: str) -> list[str]:
-    """The nodes that `source` reaches by its neighbour `first`, which is one of them."""
+    """The nodes that `source` reaches over its neighbour `first`, including that."""
     seen, ahead = {source}, [first]
     while ahead:
         here = ahead.pop()
@@ -152,7 +152,7 @@ def beyond(topology: Topology, source: str, first: str) -> list[str]:
 
 
 def _rate_stage(verb: str, link: Directed, state: LinkPlan) -> Iterator[Words]:
-    """The class, its parent where the rate is shared (made with the first of both), and the sending queue."""
+    """The class, its parent if the rate is shared (made with the first of the two), and the sending queue."""
     if not link.has_rate:
         return
     rate_bps = state.rate_bps or IN_ORDER_BPS
@@ -169,7 +169,7 @@ def _rate_stage(verb: str, link: Directed, state: LinkPlan) -> Iterator[Words]:
 
 
 def _htb(verb: str, parent: str, classid: str, own_bps: int, ceiling_bps: int) -> Words:
-    """Tokens for one frame and 20 ms: HTB counts a frame when it goes, netem has let it wait for its sending before.
+    """An HTB class with tokens for one frame and 20 ms: HTB counts a frame as it leaves, after netem's sending time.
 
     A class that only borrows has hardly any tokens of its own, so that two of them have no more than their parent.
     """
@@ -187,12 +187,12 @@ def _delay_stage(link: Directed, seed: int) -> Iterator[Words]:
 
 
 def _netem(verb: str, link: Directed, step: int, seed: int) -> Words:
-    """The second stage at one of the link's states."""
+    """The second stage in one of the link's states."""
     return _tc(f"qdisc {verb} dev {link.device} root handle 1: netem {_impairments(link, step)} seed {seed}")
 
 
 def _seed_of(link: Directed, step: int, seed: int) -> int:
-    """Each state has its own: the same one would start its numbers anew."""
+    """The seed of a state; each has its own, because the same seed would repeat its random numbers."""
     return link_seed(seed, link.name, f"netem {step}")
 
 
@@ -201,9 +201,9 @@ def _queue_handle(link: Directed) -> str:
 
 
 def _impairments(link: Directed, step: int) -> str:
-    """netem's words; a change leaves corruption and rate as they are unless they are named, so they always are.
+    """netem's options. A change keeps corruption and rate unless they are given, so they always are.
 
-    A closed link doubles nothing: of a frame that is lost and doubled at once, netem sends one on.
+    A closed link does not duplicate: netem would pass on one copy of a frame that is both lost and duplicated.
     """
     _, state, closed = link.states[step]
     words = [f"limit {link.limit}"]
@@ -225,7 +225,7 @@ def _impairments(link: Directed, step: int) -> str:
 
 
 def _filters(link: Directed, topology: Topology) -> Iterator[Words]:
-    """In: by destination, one filter an address beyond the link. Out: by the number that was written then."""
+    """The filters of a link. In: by destination, one filter per address beyond the link. Out: by the mark set then."""
     addresses = {node.name: node.address for node in topology.nodes}
     to_rate = f" priority 1:{link.number:x}" if link.has_rate else ""
     then = f"pipe action mirred egress redirect dev {RATE_DEVICE}" if link.has_rate else "pass"

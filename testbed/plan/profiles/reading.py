@@ -1,4 +1,4 @@
-"""A profile's file and what it inherits: YAML, checked against the schema, every figure with its source."""
+"""A profile's file and those it inherits from: YAML, checked against the schema, every figure with its source."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ PARSERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "corrupt": ("corrupt", units.parse_share),
     "reorder": ("reorder", units.parse_share),
 }
-"""Fields with a unit: their name in a plan, and what reads them; all others are the same in both."""
+"""Fields with a unit: their name in a plan, and their parser; all other fields are the same in both."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure, in the unit of the plan's field; `where` is file and field, as an error names them."""
+    """One figure, in the unit of the plan's field; `where` is file and field, for errors."""
 
     value: Any
     source: str
@@ -41,7 +41,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Entry:
-    """What a file says of a class or of a link: figures by (direction, plan's field), and whether both share a rate."""
+    """A file's entry of a class or link: figures by (direction, plan's field), and whether directions share a rate."""
 
     figures: Mapping[tuple[str, str], Figure]
     shared: Figure | None
@@ -49,9 +49,9 @@ class Entry:
 
 @dataclass(frozen=True)
 class Rule:
-    """An event of the file. Exactly one of `at_us`, `every_us` and `share` (of time, in bursts) is there.
+    """An event of the file. Exactly one of `at_us`, `every_us` and `share` (of time, in bursts) is set.
 
-    `for_us` is None for bursts, which last from `shortest_us` to `longest_us`, and where an event stays until the end.
+    `for_us` is None for bursts, which last from `shortest_us` to `longest_us`, and for an event until the end.
     """
 
     link: str
@@ -68,7 +68,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Layer:
-    """One file: classes, single links, and events (None where it has no such section)."""
+    """One file: classes, single links, and events (None if it has no such section)."""
 
     file: str
     classes: Mapping[str, Entry]
@@ -78,7 +78,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Profile:
-    """A profile with all that it inherits; the first layer is the most distant one."""
+    """A profile with all files that it inherits from; the first layer is the most distant one."""
 
     name: str
     description: str
@@ -86,19 +86,19 @@ class Profile:
 
     @property
     def rules(self) -> tuple[Rule, ...]:
-        """The events: those of the nearest file that has the section."""
+        """The events of the nearest file that has the section."""
         return next((layer.events for layer in reversed(self.layers) if layer.events is not None), ())
 
 
 def profile_names(folder: Path = FOLDER) -> list[str]:
-    """The profiles there are, `ideal` first, then by their names."""
+    """The available profiles, `ideal` first, then by name."""
     return sorted((path.stem for path in folder.glob("*.yaml")), key=lambda name: (name != "ideal", name))
 
 
 def read_profile(name: str, folder: Path = FOLDER) -> Profile:
-    """The profile of that name in the folder, or of a file that is named by its path, `my/own.yaml`.
+    """Read the profile with a name in the folder, or a file by its path, as `my/own.yaml`.
 
-    Raises UserError naming file, field, value and what was expected.
+    Raises UserError that names file, field, value and what was expected.
     """
     path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
     if not path.is_file():
@@ -141,7 +141,7 @@ def _layer(document: dict[str, Any], file: str) -> Layer:
 
 
 def _entry(entry: dict[str, Any], file: str, field: str) -> Entry:
-    """`both` counts for each direction, and what a direction says itself stands above it."""
+    """Read an entry: `both` counts for each direction, and a direction's own figures override it."""
     figures: dict[tuple[str, str], Figure] = {}
     for key in ("both", *DIRECTIONS):
         if key in entry:
@@ -165,7 +165,7 @@ def _figures(block: dict[str, Any], where: str) -> Iterator[tuple[str, Figure]]:
 
 
 def read_figure(name: str, text: Any, source: str, where: str) -> tuple[str, Figure]:
-    """The plan's field and the figure. Raises UserError where it cannot be read."""
+    """The plan's field and the figure. Raises UserError if it cannot be read."""
     field, parse = PARSERS.get(name, (name, None))
     value = text if parse is None else _parsed(parse, text, where)
     return field, Figure(value, source, where, str(text))

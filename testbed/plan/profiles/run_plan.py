@@ -1,4 +1,4 @@
-"""`plan.json`: what the container `net` gets of a run's links, before anything runs on the nodes."""
+"""`plan.json`: a run's links for the container `net`, written before anything runs on the nodes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def run_plan(
 ) -> dict[str, Any]:
     """The file's content.
 
-    `shaper` is one of SHAPERS; `always` shapes every link, also one on which nothing is planned, so that it can be
-    changed by hand during the run. A gate's link has no direction, as `sense:uav1`.
+    `shaper` is one of SHAPERS; `always` shapes every link, also one without planned figures, so that it can be changed
+    by hand during the run. A gate's link has no direction, as `sense:uav1`.
     """
     return {
         "version": RUN_VERSION,

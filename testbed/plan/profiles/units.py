@@ -1,4 +1,4 @@
-"""Figures with their units, as people write them in a profile, and back."""
+"""Conversion of figures with units from their text in a profile, and back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNLIMITED = "unlimited"
 
 
 def parse_time_us(text: str) -> int:
-    """`25ms`, `0.5 s`, `200us` in microseconds. Raises ValueError with what was expected."""
+    """Parse `25ms`, `0.5 s`, `200us` into microseconds. Raises ValueError with what was expected."""
     found = re.fullmatch(rf"{_NUMBER} ?(us|ms|s)", text)
     if found is None:
         raise ValueError("a time with its unit (us, ms, s), as 25ms")
@@ -24,7 +24,7 @@ def parse_time_us(text: str) -> int:
 
 
 def parse_delay_us(text: str) -> int:
-    """A time that a frame can spend on a link, up to a minute. Raises ValueError with what was expected."""
+    """Parse a time that a frame can spend on a link, at most a minute. Raises ValueError with what was expected."""
     time_us = parse_time_us(text)
     if time_us > LONGEST_US:
         raise ValueError(f"at most {LONGEST_US // 1_000_000}s")
@@ -32,7 +32,7 @@ def parse_delay_us(text: str) -> int:
 
 
 def parse_rate_bps(text: str) -> int | None:
-    """`20Mbit`, `64 kbit` a second in bits; None for `unlimited`. Raises ValueError with what was expected."""
+    """Parse `20Mbit`, `64 kbit` into bit/s; None for `unlimited`. Raises ValueError with what was expected."""
     if text == UNLIMITED:
         return None
     found = re.fullmatch(rf"{_NUMBER} ?(bit|kbit|Mbit|Gbit)", text)
@@ -45,7 +45,7 @@ def parse_rate_bps(text: str) -> int | None:
 
 
 def parse_share(text: str) -> float:
-    """`1%`, `0.2 %` as a share, 0.01 and 0.002. Raises ValueError with what was expected."""
+    """Parse `1%`, `0.2 %` into a share, 0.01 and 0.002. Raises ValueError with what was expected."""
     found = re.fullmatch(rf"{_NUMBER} ?%", text)
     if found is None or float(found[1]) > 100:
         raise ValueError("a share from 0% to 100%, as 1%")
@@ -53,7 +53,7 @@ def parse_share(text: str) -> float:
 
 
 def parse_packets(text: str) -> int:
-    """`100 packets` as a number. Raises ValueError with what was expected."""
+    """Parse `100 packets` into a number. Raises ValueError with what was expected."""
     found = re.fullmatch(r"([0-9]{1,9}) ?packets?", text)
     if found is None:
         raise ValueError("a number of packets, as 100 packets")
@@ -63,7 +63,7 @@ def parse_packets(text: str) -> int:
 
 
 def show_time(time_us: int) -> str:
-    """The shortest way to write it: `25ms`, `1.5s`, `200us`."""
+    """A time in its shortest form: `25ms`, `1.5s`, `200us`."""
     for unit in ("s", "ms"):
         if time_us and time_us >= _TIME_US[unit]:
             return f"{_decimal(time_us / _TIME_US[unit])}{unit}"

@@ -1,1 +1,1 @@
-"""`testbed packets`: the packets table for people, frame by frame, dissected, or by kind."""
+"""`testbed packets`: shows the packets table frame by frame, dissected, or by kind of message."""

@@ -1,4 +1,4 @@
-"""Which frames of which attempts a person wants to see."""
+"""The frames of attempts that a user chooses to see."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ...numbers.packets.table import Packets, load
 
 @dataclass(frozen=True)
 class Choice:
-    """Frames of a link (or of all whose names begin with it), a protocol, with a kind of message, in a time.
+    """Criteria for frames: a link (or a prefix of links' names), a protocol, a kind of message, and a time span.
 
     Seconds are since the mission's start; None is no limit.
     """
@@ -31,9 +31,9 @@ class Choice:
 
 @dataclass(frozen=True)
 class Chosen:
-    """An attempt's chosen frames, their numbers in the table as `frame`.
+    """An attempt's chosen frames, with their row numbers in the table as `frame`.
 
-    `messages` are the chosen ones that begin in them, `every_message` are all of the attempt.
+    `messages` are the chosen ones that begin in these frames, `every_message` are all of the attempt.
     """
 
     attempt: Attempt
@@ -45,7 +45,8 @@ class Chosen:
 
 
 def find_attempts(run: str, root: Path) -> list[Attempt]:
-    """The attempts of a series, an attempt's folder, or the newest series (`latest`); raises UserError."""
+    """The attempts of a series, of an attempt's folder, or of the newest series (`latest`). Raises UserError if there
+    are none."""
     path = Path(run)
     if run == "latest":
         series = [found.resolve() for found in root.glob("*/latest")]
@@ -65,8 +66,8 @@ def find_attempts(run: str, root: Path) -> list[Attempt]:
 def choose(attempts: list[Attempt], choice: Choice) -> list[Chosen]:
     """The chosen frames of each attempt.
 
-    Raises UserError for a link, protocol or kind that none of them has, for times that are none, and for a folder
-    that cannot be read.
+    Raises UserError for a link, protocol or kind that none of them has, for invalid times, and for an unreadable
+    folder.
     """
     _check_times(choice)
     try:
@@ -83,7 +84,7 @@ def choose(attempts: list[Attempt], choice: Choice) -> list[Chosen]:
 
 
 def _start_ns(attempt: Attempt, packets: Packets) -> int:
-    """When the first arm command's frame left the ground station; the first frame's time where nobody commanded."""
+    """When the first arm command's frame left the ground station; without commands, the time of the first frame."""
     window = mission_window(attempt, attempt.events(), packets)
     if window is not None:
         return window.start_ns

@@ -1,4 +1,4 @@
-"""Single frames out of an attempt's captures, dissected by scapy with the testbed's layers."""
+"""Single frames of an attempt's captures, dissected by scapy with the testbed's layers."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _RECORD_HEADER = 16
 
 
 def read_frame(pcap: Path, offset: int) -> Packet:
-    """The frame whose first byte is at `offset` of a capture file."""
+    """Read the frame whose first byte is at `offset` in a capture file."""
     with PcapReader(str(pcap)) as reader:
         reader.f.seek(offset - _RECORD_HEADER)
         return reader.read_packet()
 
 
 def dissect(packet: Packet, protocol: str, kinds: list[str]) -> Packet:
-    """The frame with its messages as layers, whatever its ports are.
+    """Turn a frame's messages into layers, whatever its ports are.
 
-    `kinds` are those that the packets table says begin in it. A segment that begins within an MQTT packet is left
-    as it is: its first bytes are not a packet's.
+    `kinds` are the messages that begin in it by the packets table. A segment that begins within an MQTT packet is left
+    as it is, because its first bytes are not those of a packet.
     """
     for protocol_of, transport, layer in (("mavlink", UDP, MAVLink), ("mqtt", TCP, MQTT)):
         if protocol != protocol_of or transport not in packet or not isinstance(packet[transport].payload, Raw):
@@ -40,5 +40,5 @@ def dissect(packet: Packet, protocol: str, kinds: list[str]) -> Packet:
 
 
 def mavlink_frames(packet: Packet) -> list[MAVLink]:
-    """The MAVLink frames of a dissected datagram, in their order."""
+    """The MAVLink frames of a dissected datagram, in order."""
     return [layer for layer in packet.iterpayloads() if isinstance(layer, MAVLink)]

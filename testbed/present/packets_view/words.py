@@ -1,4 +1,4 @@
-"""What a captured message says, in a line: MQTT-XT payloads by their topics, MAVLink messages by their fields."""
+"""A captured message in a line of text: MQTT-XT payloads by their topics, MAVLink messages by their fields."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _LEVELS = {
     **{"fogX": r"fog\d+", "droneY": r"drone\d+", "sensorS": r"sensor\d+"},
     **{"Z": r"(?P<state>(?:mavlink/)?[^/]+)", "C": "[^/]+", "G": "[^/]+", "K": "[^/]+"},
 }
-"""The letters that stand for something in the topic table."""
+"""The placeholders of the topic table, as regular expressions."""
 _SHOWN_BYTES = 24
 
 
 def said_by_publish(topic: str, body: bytes) -> str:
-    """The payload of a PUBLISH as JSON where MQTT-XT has a message for its topic, else its first bytes.
+    """The payload of a PUBLISH as JSON if MQTT-XT has a message for its topic, else its first bytes.
 
-    What is signed is shown without its signature.
+    A signed payload is shown without its signature.
     """
     found = payload_class(topic)
     if found is not None:
@@ -51,9 +51,9 @@ def _json(message: type[Any], payload: bytes) -> str:
 
 @cache
 def payload_class(topic: str) -> type[Any] | None:
-    """MQTT-XT's message for a topic, None for a topic that MQTT-XT does not have.
+    """MQTT-XT's message class for a topic; None for a topic that MQTT-XT does not have.
 
-    A cloud-side topic carries a state with the activator's stamp, a fog-side one without.
+    States on cloud-side topics have the activator's stamp, those on fog-side topics do not.
     """
     for row, pattern in _patterns():
         found = pattern.fullmatch(topic)
@@ -77,7 +77,7 @@ def _patterns() -> tuple[tuple[TopicRow, re.Pattern[str]], ...]:
 
 
 def said_by_frame(frame: MAVLink) -> str:
-    """Whose message it is, and its fields that are not zero, in the order of common.xml."""
+    """A message's sender (system:component), and its fields that are not zero, in the order of common.xml."""
     message = frame.getfieldval("message")
     whose = f"{frame.getfieldval('sysid')}:{frame.getfieldval('compid')}"
     if not isinstance(message, Message):

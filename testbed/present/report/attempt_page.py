@@ -1,4 +1,4 @@
-"""What the page shows of one attempt: its conditions, its trouble, its files, its flights."""
+"""The data of one attempt on the page: its conditions, its trouble, its files, its flights."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .message_set import is_message_set
 
 
 def page_of(series: Series, attempt: Attempt, metrics: Metrics, repeat: int = 0) -> dict[str, Any]:
-    """`measured` is its entry in `metrics.json`, None for a void one.
+    """The template's data for an attempt; `measured` is its entry in `metrics.json`, None for a void one.
 
-    `repeat` is how often the attempt had been flown before: what was void was flown again under the same number.
+    `repeat` is how often the number had been flown before: a void attempt is flown again under the same number.
     """
     manifest = attempt.manifest()
     side = metrics["protocols"][attempt.protocol]
@@ -34,7 +34,7 @@ def page_of(series: Series, attempt: Attempt, metrics: Metrics, repeat: int = 0)
     events = attempt.events()
     captures = manifest.get("captures", [])
     seen, own = None, None
-    flies = not is_message_set(metrics)  # in the message set the drone is put where each call wants it
+    flies = not is_message_set(metrics)  # in the message set the drone is moved to where each call starts
     if flies and measured is not None and (window := _window(measured)) is not None:
         seen = flights_of(
             attempt.protocol, attempt.autopilot_events(), events, *window, measured["status"] == "completed"
@@ -65,7 +65,7 @@ def page_of(series: Series, attempt: Attempt, metrics: Metrics, repeat: int = 0)
 
 
 def seen_of(page: dict[str, Any]) -> Seen:
-    """What the figures need of the attempt that is shown in detail."""
+    """The data for figures of the attempt that is shown in detail."""
     attempt: Attempt = page["attempt"]
     window = _window(page["measured"])
     flown: Flights | None = page["flights"]
@@ -77,8 +77,8 @@ def seen_of(page: dict[str, Any]) -> Seen:
 
 
 def with_losses(attempt: Attempt, measured: AttemptEntry) -> AttemptEntry:
-    """Its entry with each link's random loss beside what the probes measured: as planned, and as the shaper counted it
-    of the frames that could be lost at random. Unchanged where the shaper left no counts.
+    """Add each link's random loss to the entry's measured links: as planned, and as the shaper counted it among the
+    frames that could be lost at random. Unchanged if the shaper left no counts.
     """
     plan, counters = (_object(attempt.path / "links" / name) for name in ("plan.json", "counters.json"))
     planned = plan.get("plan", {}).get("links", {})
@@ -92,12 +92,12 @@ def with_losses(attempt: Attempt, measured: AttemptEntry) -> AttemptEntry:
 
 
 def _object(path: Path) -> dict[str, Any]:
-    """A JSON object, empty where there is none."""
+    """A file's JSON object; empty without the file."""
     return read_json(path) if path.exists() else {}
 
 
 def flown_at(attempts: list[dict[str, Any]]) -> str:
-    """When the first mission began, as '21 November 2026, 16:32 UTC'; empty where none did."""
+    """When the first mission began, as '21 November 2026, 16:32 UTC'; empty if none did."""
     begun = [e["t_ns"] for one in attempts for e in one["events"] if e["event"] == "mission_start"]
     if not begun:
         return ""
@@ -109,11 +109,11 @@ _MONTHS = (
     *("January", "February", "March", "April", "May", "June"),
     *("July", "August", "September", "October", "November", "December"),
 )
-"""Not strftime's, which speaks the machine's language."""
+"""In English always, unlike those of strftime, which depend on the machine's locale."""
 
 
 def _window(measured: AttemptEntry) -> tuple[int, float] | None:
-    """When the mission began, and how many seconds were counted; None when it never began."""
+    """When the mission began, and how many seconds were counted; None if it never began."""
     told = measured["window"]
     return (told["start_ns"], told["seconds"]) if told is not None else None
 
@@ -121,7 +121,8 @@ def _window(measured: AttemptEntry) -> tuple[int, float] | None:
 def _trouble(
     measured: AttemptEntry | None, void: VoidEntry | None, events: list[dict[str, Any]]
 ) -> dict[str, Any] | None:
-    """Why an attempt failed or does not count, how far it came, which captures were cut off, what else to know."""
+    """Why an attempt failed or is void, its last step, its last words, and captures that were cut off; None if all is
+    well."""
     truncated = measured["truncated"] if measured is not None else []
     status = "void" if measured is None else measured["status"]
     if status == "completed" and not truncated:

@@ -1,4 +1,4 @@
-"""Two results beside each other: in what they differ, and by how much their numbers do."""
+"""Compares two results: the conditions in which they differ, and by how much their numbers do."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class Result:
 
 
 def result_of(name: str, series: Series, metrics: Metrics) -> Result:
-    """Reads the manifests; raises ResultsError where one cannot be read."""
+    """Read the manifests of a series. Raises ResultsError if one cannot be read."""
     return Result(name, series, metrics, tuple(attempt.manifest() for attempt in series.attempts()))
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Something that both results have: what it is, and its value in each."""
+    """A condition of both results: its name, and its value in each."""
 
     name: str
     first: str
     second: str
     shapes: bool
-    """Whether it shapes the numbers by intention; a kernel or a version only may."""
+    """Whether it is meant to affect the numbers; a kernel or a version only may."""
 
     @property
     def differs(self) -> bool:
@@ -53,7 +53,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Row:
-    """A metric of one protocol in both results; `change` is the second over the first, None where there is none."""
+    """A metric of one protocol in both results; `change` is the second over the first, None if not defined."""
 
     name: str
     protocol: str
@@ -67,7 +67,7 @@ class Row:
 
 
 def conditions(first: Result, second: Result) -> list[Condition]:
-    """What was flown in both and how; those that shape the numbers first."""
+    """The conditions of both results, first those that are meant to affect the numbers."""
     both = (first, second)
 
     def told(name: str, value: Callable[[Result], str], shapes: bool = True) -> Condition:
@@ -93,7 +93,7 @@ _SERIES = ("experiment", "arm", "profile", "shaper")
 
 
 def rows(first: Result, second: Result) -> list[Row]:
-    """Every metric of the comparison, protocol by protocol; a protocol that only one result has is left out."""
+    """Every compared metric, protocol by protocol; a protocol that only one result has is left out."""
     tables = [{row.name: row for row in _table(one.metrics)} for one in (first, second)]
     protocols = [p for p, _ in words.sides(first.metrics) if p in second.metrics["protocols"]]
     return [
@@ -111,7 +111,7 @@ def _table(metrics: Metrics) -> list[quantities.Row]:
 
 
 def sentences(first: Result, second: Result) -> list[str]:
-    """In what they differ, by how much, and whether that can be distinguished."""
+    """Sentences on the conditions in which they differ, by how much, and whether the cause can be told."""
     differing = [c for c in conditions(first, second) if c.differs and c.shapes]
     if not differing:
         said = ["Both were flown in the same way: what differs is chance, or the machine."]
@@ -151,7 +151,7 @@ def change(ratio: float) -> str:
 
 
 def title(one: Result) -> str:
-    """What a result is in a few words: 'scenario 1, arm thesis, profile ideal', and another fleet than the thesis's."""
+    """A result in a few words: 'scenario 1, arm thesis, profile ideal', with the fleet if it is not the thesis's."""
     metrics, configuration = one.metrics, one.manifests[0]["configuration"]
     changed = [f"{name} {value}" for name, value in factors.deviations(configuration, metrics["arm"])]
     arm = f"arm {metrics['arm']}{f' with {wording.listed(changed)}' if changed else ''}"
@@ -208,5 +208,5 @@ def _version(name: str) -> Callable[[Result], str]:
 
 
 def _each(values: Iterable[str]) -> str:
-    """Every value once: more than one is a mix, and is shown as one."""
+    """Every distinct value; several are listed together, which shows that the attempts are mixed."""
     return wording.listed(sorted(set(values)))

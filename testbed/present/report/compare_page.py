@@ -1,4 +1,4 @@
-"""Two results beside each other, on the terminal and as a page."""
+"""The comparison of two results, on the terminal and as a page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .message_set import is_message_set
 
 
 def print_comparison(first: Result, second: Result, console: Console) -> None:
-    """What both are, in what they differ, and every metric of both."""
+    """Print both results' titles, the conditions in which they differ, and every metric of both."""
     console.print()
     for one in (first, second):
         console.print(f"{one.name}: {compare.title(one)}", soft_wrap=True, markup=False)
@@ -47,7 +47,7 @@ def print_comparison(first: Result, second: Result, console: Console) -> None:
 
 
 def write_comparison(first: Result, second: Result, target: Path) -> None:
-    """A self-contained page, with its figure's data (`.csv`) and the figure for papers (`.pdf`) beside it.
+    """Write a self-contained page, and next to it its figure's data (`.csv`) and the figure for papers (`.pdf`).
 
     Links to the two reports are relative to the page.
     """
@@ -80,7 +80,7 @@ def write_comparison(first: Result, second: Result, target: Path) -> None:
 
 
 def _relative(one: Result, target: Path) -> str | None:
-    """Where a result's own report is, seen from the page; None where it has none."""
+    """The path of a result's own report relative to the page; None if it has none."""
     report = one.series.path / REPORT
     return Path(os.path.relpath(report, target.parent.resolve())).as_posix() if report.exists() else None
 

@@ -1,4 +1,4 @@
-"""Both protocols of a series beside each other: their quantities, which attempts count, and which one is shown."""
+"""Both protocols of a series compared: their quantities, the attempts that count, and those shown in detail."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...plan import wording
 
 
 def rows(metrics: Metrics) -> dict[str, Row]:
-    """Completion first, then traffic, time, losses, delay and frames per call; by the quantity's key."""
+    """The compared rows by the quantity's key: completion, traffic, time, losses, delay, frames per call."""
     return quantities.rows(observe(metrics["protocols"]))
 
 
@@ -23,14 +23,17 @@ def completed(side: SideEntry) -> list[AttemptEntry]:
 
 
 def fleet_size(attempt: AttemptEntry) -> tuple[int, int]:
-    """How many fogs and drones a completed attempt had, by what was measured."""
+    """The numbers of fogs and drones in a completed attempt, by its links and outcomes."""
     fogs = {link.split(":")[1] for link in attempt["links"] if link.startswith("backhaul:")}
     return len(fogs), len(attempt["outcomes"])
 
 
 @dataclass(frozen=True)
 class Completion:
-    """How many attempts of a protocol were flown and what became of them; a reason and its attempts each."""
+    """The attempts of a protocol by how they ended; failed and void ones as pairs of a reason and its attempts.
+
+    `flown` is without void attempts.
+    """
 
     flown: int
     completed: int
@@ -43,7 +46,7 @@ class Completion:
 
 
 def completion(metrics: Metrics) -> dict[str, Completion]:
-    """By protocol. Void attempts are flown too, but they are not among those that count."""
+    """The completion by protocol. Void attempts are not in `flown`, which has those that count."""
     found = {}
     for protocol, side in words.sides(metrics):
         failed = [a for a in side["attempts"] if a["status"] != "completed"]
@@ -60,8 +63,8 @@ def _by_reason(attempts: Sequence[AttemptEntry | VoidEntry]) -> tuple[tuple[str,
 
 
 def shown(metrics: Metrics) -> dict[str, AttemptEntry]:
-    """Which attempt of each protocol is shown in detail: the first number completed by all, else the first
-    completed one, else the first. A protocol without any is left out."""
+    """The attempt of each protocol that is shown in detail: the first number completed by all, else the first
+    completed one, else the first. A protocol without attempts that count is left out."""
     numbers = [{attempt["attempt"] for attempt in completed(side)} for _, side in words.sides(metrics)]
     shared = set.intersection(*numbers) if numbers else set()
     chosen = {}

@@ -1,4 +1,4 @@
-"""What one attempt of each protocol shows in detail: links, layers, message mix, routers, CPU seconds, outcomes."""
+"""The detailed tables of one attempt per protocol: links, layers, message mix, routers, CPU seconds, outcomes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ...plan.topology import by_number, place_of_link
 from . import thesis
 
 Shown = dict[str, AttemptEntry]
-"""The attempt of each protocol that is shown, as `metrics.json` has it."""
+"""By protocol the entry in `metrics.json` of the attempt that is shown in detail."""
 
 LAYERS = (
     ("payload", ("payload",)),
@@ -50,14 +50,14 @@ _NOT_THE_PROTOCOLS = ("autopilots", "sensors", "network and captures")
 
 
 class StreamShare(MavlinkStream):
-    """A stream with its share of the bytes, and how wide its bar is."""
+    """A stream with its share of the bytes, and the width of its bar, both in percent."""
 
     percent: float
     width: float
 
 
 class Mix(TypedDict):
-    """What the MAVLink side sends, summed up."""
+    """The messages of the MAVLink side, with sums."""
 
     streams: list[StreamShare]
     count: int
@@ -69,7 +69,7 @@ class Mix(TypedDict):
 
 @dataclass(frozen=True)
 class Role:
-    """The CPU seconds of containers of one role: their sum and each one's own, by protocol."""
+    """The CPU seconds of the containers with one role: their sum and each one's own, by protocol."""
 
     name: str
     sums: dict[str, float]
@@ -82,7 +82,7 @@ class Role:
 
 @dataclass(frozen=True)
 class Command:
-    """A command on one side: its calls, one-way delays in milliseconds, frames for a call."""
+    """A command on one side: its calls, one-way delays in milliseconds, frames per call."""
 
     calls: int
     copies: int
@@ -93,7 +93,7 @@ class Command:
 
 
 def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[LinkEntry, LinkEntry]]]]:
-    """Each link with its directions up and down by protocol; wan first, then backhaul, then air; all links last."""
+    """Each link with its counts up and down by protocol: wan, backhaul, air, and the sum of all links last."""
     names = sorted(
         {name.rsplit(":", 1)[0] for attempt in shown.values() for name in attempt["links"]},
         key=place_of_link,
@@ -108,13 +108,13 @@ def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[LinkEntry, LinkEnt
 
 
 def by_layer(layers: dict[str, int]) -> dict[str, int]:
-    """Bytes by the layers that both sides have, and what is in none of them."""
+    """Bytes by the layers that both sides have, and `other` bytes."""
     counted = {name: sum(layers.get(part, 0) for part in inner) for name, inner in LAYERS}
     return {**counted, "other": sum(layers.values()) - sum(counted.values())}
 
 
 def mix_of(attempt: AttemptEntry) -> Mix | None:
-    """The MAVLink side's streams, largest first, each with its share; commands; sums. None where there is no mix."""
+    """The MAVLink side's streams, largest first, each with its share; commands; sums. None for another side."""
     mavlink = attempt["mavlink"]
     if not mavlink:
         return None
@@ -136,14 +136,14 @@ def mix_of(attempt: AttemptEntry) -> Mix | None:
 
 
 def routers_of(attempt: AttemptEntry) -> list[tuple[str, dict[str, Router]]]:
-    """For each node what its routers were given, let through and dropped, by way; ground station first."""
+    """By node and direction the messages that its routers received, forwarded and dropped; ground station first."""
     entries = attempt["mavlink"]["routers"] if attempt["mavlink"] else []
     nodes = sorted({entry["node"] for entry in entries}, key=lambda node: (_place(node, _NODES), by_number(node)))
     return [(node, {entry["way"]: entry for entry in entries if entry["node"] == node}) for node in nodes]
 
 
 def roles_of(cpu: Mapping[str, Mapping[str, float]]) -> list[Role]:
-    """CPU seconds by role, from those by protocol and container."""
+    """Group the CPU seconds by protocol and container into roles."""
     by_protocol = {protocol: _by_role(seconds) for protocol, seconds in cpu.items()}
     names = [name for name, _ in _ROLES] + ["other"]
     return [
@@ -158,7 +158,7 @@ def roles_of(cpu: Mapping[str, Mapping[str, float]]) -> list[Role]:
 
 
 def protocols_own(roles: list[Role]) -> dict[str, float]:
-    """CPU seconds without what both sides need alike: autopilots, network, captures."""
+    """CPU seconds by protocol, without the containers that both sides need: autopilots, sensors, network and captures."""
     sums: dict[str, float] = {}
     for role in roles:
         if role.name not in _NOT_THE_PROTOCOLS:
@@ -168,7 +168,7 @@ def protocols_own(roles: list[Role]) -> dict[str, float]:
 
 
 def command_of(attempt: AttemptEntry, events: list[dict[str, Any]], name: str) -> Command:
-    """What there is to say of a command on one side."""
+    """The figures of a command on one side."""
     delays = sorted(attempt["delay_ms"].get(name, []))
     calls = sum(event["event"] == "command" and event["command"] == name for event in events)
     frames = attempt["frames_per_call"].get(name)
@@ -178,7 +178,7 @@ def command_of(attempt: AttemptEntry, events: list[dict[str, Any]], name: str) -
 
 
 def outcomes_of(attempt: AttemptEntry, commands: list[str]) -> dict[str, list[OutcomeEntry | None]]:
-    """For each drone its outcome of every command, in the order in which they were sent."""
+    """By drone the outcome of each of `commands`, in their order; None where a drone has none."""
     found = {}
     for drone, entries in attempt["outcomes"].items():
         by_command = {entry["command"]: entry for entry in entries}
@@ -188,7 +188,7 @@ def outcomes_of(attempt: AttemptEntry, commands: list[str]) -> dict[str, list[Ou
 
 @dataclass(frozen=True)
 class Measured:
-    """A figure of a directed link as it was configured and measured, and why it was not; None: unlimited, unknown."""
+    """A figure of a directed link, configured and measured, or why it was not measured; None: unlimited, unknown."""
 
     configured: float | None
     measured: float | None
@@ -199,7 +199,7 @@ FIGURES = ("delay_ms", "jitter_ms", "rate_bps", "loss")
 
 
 def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured]]]]:
-    """Each directed link with its figures by protocol and name; empty where nothing was measured."""
+    """Each directed link with its figures by protocol and name; empty if nothing was measured."""
     names = {name for attempt in shown.values() for name in attempt["links_measured"]}
     table = []
     for name in sorted(names, key=place_of_link):
@@ -216,7 +216,7 @@ def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured
 
 
 def sizes_of(shown: Shown) -> list[tuple[str, dict[str, SizeEntry], dict[str, int]]]:
-    """Each kind of message with its frames' sizes by protocol, and the sizes that the thesis printed."""
+    """Each kind of message with its frame sizes by protocol, and the sizes printed in the thesis."""
     printed = thesis.packet_sizes()
     kinds = {p: attempt["message_sizes"] for p, attempt in shown.items()}
     names = {name for by in kinds.values() for name in by}
@@ -226,7 +226,7 @@ def sizes_of(shown: Shown) -> list[tuple[str, dict[str, SizeEntry], dict[str, in
 
 
 def states_of(shown: Shown) -> list[tuple[str, dict[str, Delays]]]:
-    """Each state with its delays by protocol, summed up."""
+    """Each state with its summary of delays by protocol."""
     kinds = {p: attempt["state_delay_ms"] for p, attempt in shown.items()}
     names = sorted({name for by in kinds.values() for name in by})
     return [(name, {p: by[name] for p, by in kinds.items() if name in by}) for name in names]

@@ -1,4 +1,4 @@
-"""How each side was flown, in words, and what that means for setting them side by side."""
+"""How each side was flown, in words, and what that means for the comparison."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _SECURED = "SECURITY is MQTT-XT's alone: MAVLink flies as without it, neither en
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor of one side: its name, its value, and what it is in words."""
+    """A factor of one side: its name, its value, and its meaning in words."""
 
     name: str
     value: str
@@ -87,9 +87,9 @@ class Factor:
 
 
 def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = False) -> list[Factor]:
-    """The factors that shape a side, as far as the manifest has them; unknown values stay as they are.
+    """The factors of a side that the manifest has; an unknown value is shown as it is.
 
-    With `one_drone`, how several are commanded is left out.
+    `one_drone` leaves out how several drones are commanded.
     """
     said = []
     for name, values in _SAID.get(protocol, {}).items():
@@ -103,9 +103,9 @@ def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = F
 
 
 def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str]:
-    """What the factors mean for a comparison; a factor that the manifest does not have is left out.
+    """Sentences on what the factors mean for the comparison; factors that the manifest lacks are left out.
 
-    With `one_drone` the experiment is the message set.
+    `one_drone`: the experiment is the message set.
     """
     said = []
     streams, states = _value(configuration, "streams"), _value(configuration, "states")
@@ -155,7 +155,7 @@ def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str
 
 
 def deviations(configuration: dict[str, Any], arm: str) -> list[tuple[str, str]]:
-    """Factors that were changed from the arm's own, as (qos, 1); none of an arm that is not known any more."""
+    """Factors that deviate from the arm's own, as (qos, 1); none for an arm that no longer exists."""
     if arm not in ARMS:
         return []
     own = {name: str(value) for name, value in asdict(ARMS[arm].factors).items()}
@@ -164,7 +164,7 @@ def deviations(configuration: dict[str, Any], arm: str) -> list[tuple[str, str]]
 
 
 def mixed(manifests: list[dict[str, Any]]) -> list[str]:
-    """In what the attempts of one series differ although they should not, a sentence each."""
+    """A sentence for each condition in which the attempts of one series differ although they should not."""
     said = []
     revisions = {str(manifest["revision"].get("commit")) for manifest in manifests}
     if len(revisions) > 1:

@@ -1,4 +1,4 @@
-"""The figures of a report, in the page's order, from `metrics.json` and what the shown attempts wrote down."""
+"""The figures of a report, in the page's order, from `metrics.json` and the files of the attempts shown in detail."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .figures.traffic import traffic
 
 PURPOSES = ("command", "result", "state", "sensor", "presence", "upkeep", "acknowledgement", "other")
 SLIPS = frozenset({("scenario-4", "mqttxt")})
-"""Printed sizes of the thesis that its own tables contradict."""
+"""Sizes printed in the thesis that its own tables contradict."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What figures need of the attempt of a side that is shown in detail, beside its entry in `metrics.json`."""
+    """The data for figures of a side's attempt that is shown in detail, besides its entry in `metrics.json`."""
 
     flights: Flights | None
     per_link: PerLink | None
@@ -47,9 +47,9 @@ def figures_of(
     links: list[tuple[str, str, str]],
     commands: list[str],
 ) -> dict[str, Figure]:
-    """By name; what cannot be drawn of these results is left out.
+    """The figures by name; those for which these results have no data are left out.
 
-    `links` are (name, lower node, upper node), `commands` the mission's in their order.
+    `links` are (name, lower node, upper node), `commands` the mission's in order.
     """
     done = {p: completed(side) for p, side in words.sides(metrics)}
     kinds = delays_of({p: attempts for p, attempts in done.items() if attempts}, commands)
@@ -75,12 +75,12 @@ def figures_of(
 
 
 def of_links(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str, str]]) -> Figure | None:
-    """What was measured on each link; `links` are (name, lower node, upper node)."""
+    """The figure of the links' measurements; `links` are (name, lower node, upper node)."""
     return topology(_topology(metrics, shown, links), metrics["profile"], metrics["shaper"])
 
 
 def of_traffic(shown: details.Shown, seen: dict[str, Seen]) -> list[Figure | None]:
-    """What was lost by cause, and what the bytes are made of."""
+    """The figures of losses by cause, and of bytes by layer and purpose."""
     return [
         losses(losses_of(shown, seen), all(one.per_link.since_start for one in seen.values() if one.per_link)),
         parts("layers", "Bytes by layer", _LAYERS_NOTE, [*(n for n, _ in details.LAYERS), "other"], _layers(shown)),
@@ -104,12 +104,12 @@ _OF_PURPOSE = {
 
 
 def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str, Lost]]:
-    """Of each side's shown attempt, in the whole run; a link on which no frame was sent is left out."""
+    """The losses of each side's attempt in detail, in the whole run; links without frames are left out."""
     found: dict[str, dict[str, Lost]] = {}
     for protocol, attempt in shown.items():
         per = seen[protocol].per_link
         in_mission = {name: count["packets"] for name, count in attempt["links"].items()}
-        entered = (per.entered if per is not None else {}) or in_mission  # where the captures are gone
+        entered = (per.entered if per is not None else {}) or in_mission  # if the captures are gone
         by_link: Mapping[str, Mapping[str, Any]] = attempt["losses"]["links"] if attempt["losses"] else {}
         found[protocol] = {
             name: Lost(count, {cause: n for cause in CAUSES if (n := by_link.get(name, {}).get(cause, 0))})
@@ -129,7 +129,7 @@ def _topology(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str
 
 
 def way_of(figures: dict[str, Any] | None) -> Way | None:
-    """A directed link's figures as `calibration.json` has them; a figure that is missing is unknown."""
+    """A directed link's figures from `calibration.json`; a missing figure is unknown."""
     if not figures:
         return None
     found = []
@@ -147,7 +147,7 @@ def _bins(attempt: AttemptEntry) -> tuple[int, ...]:
 
 
 def _loads(load: Load) -> dict[str, tuple[int, ...]]:
-    """L(x) of each fog, over its drones, and the total."""
+    """L(x) of each fog, summed over its drones, and the total."""
     found = {}
     for name, one in load.items():
         found[name] = tuple(map(sum, zip(*one.values(), strict=True))) if isinstance(one, dict) else tuple(one)
@@ -183,7 +183,7 @@ def _missions(
 
 
 def _scenarios(metrics: Metrics, done: dict[str, list[AttemptEntry]]) -> Figure | None:
-    """All scenarios of the thesis, with this one's attempts on its line; none for another experiment or fleet."""
+    """All scenarios of the thesis, with the attempts of this one; None for another experiment or fleet."""
     names = thesis.scenarios()
     if metrics["experiment"] not in names or not thesis.flew_alike(metrics):
         return None

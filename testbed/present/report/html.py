@@ -1,4 +1,4 @@
-"""The page: one self-contained HTML file with its figures' data beside it, the same bytes for the same results."""
+"""The page: one self-contained HTML file, with its figures' data next to it; the same bytes for the same results."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from .figures.files import FOLDER, write_files
 
 TEMPLATES = Path(__file__).parent / "page"
 MOST_ROWS = 150
-"""Rows of a figure's data that the page itself has; what is longer is in the CSV file only."""
+"""The most rows of a figure's data on the page itself; longer data are in the CSV file only."""
 
 
 def write_report(series: Series, metrics: Metrics, papers: bool = False) -> Path:
-    """Write `report.html` and `figures/*.csv` into the series folder, with `papers` also a PDF of each figure.
+    """Write `report.html` and `figures/*.csv` into the series' folder, with `papers` also a PDF of each figure.
 
     Returns the page's path.
     """
@@ -95,7 +95,7 @@ def write_report(series: Series, metrics: Metrics, papers: bool = False) -> Path
 
 @cache
 def environment() -> jinja2.Environment:
-    """Templates, each compiled once, with the filters and limits that all pages share."""
+    """The templates, each compiled once, with the filters and limits that all pages share."""
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -129,7 +129,7 @@ def _conditions(metrics: Metrics, attempts: list[dict[str, Any]]) -> dict[str, A
 
 
 def _sensors(metrics: Metrics, shown: details.Shown) -> dict[str, Any]:
-    """The section on sensors; its rows are empty where there are none."""
+    """The section on sensors; its rows are empty without sensors."""
     return {
         "rows": readings.rows_of(shown),
         "said": readings.said(metrics),
@@ -140,7 +140,7 @@ def _sensors(metrics: Metrics, shown: details.Shown) -> dict[str, Any]:
 
 
 def _kinds(metrics: Metrics, attempts: list[dict[str, Any]]) -> dict[str, Any]:
-    """What only the message set's page has."""
+    """The parts that only the message set's page has."""
     table = message_set.rows(metrics)
     states = {str(attempt["manifest"]["configuration"].get("states")) for attempt in attempts}
     return {
@@ -153,7 +153,7 @@ def _kinds(metrics: Metrics, attempts: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _in_detail(shown: details.Shown, of: dict[str, dict[str, Any]], commands: list[str]) -> dict[str, Any]:
-    """The tables of one attempt of each protocol."""
+    """The detailed tables of one attempt per protocol."""
     grids = {p: details.outcomes_of(shown[p], commands) for p in shown}
     drones = sorted({drone for grid in grids.values() for drone in grid}, key=lambda drone: (len(drone), drone))
     roles = details.roles_of({p: cpu for p in shown if (cpu := shown[p]["cpu_s"])})

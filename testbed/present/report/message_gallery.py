@@ -17,7 +17,7 @@ from .gallery import Seen, of_links, of_traffic
 def figures_of(
     metrics: Metrics, shown: details.Shown, seen: dict[str, Seen], links: list[tuple[str, str, str]]
 ) -> dict[str, Figure]:
-    """By name; what cannot be drawn of these results is left out."""
+    """The figures by name; those for which these results have no data are left out."""
     done = {p: attempts for p, side in words.sides(metrics) if (attempts := completed(side))}
     order = (*COMMANDS, *STATES)
     made = [

@@ -1,4 +1,4 @@
-"""What a message set says, in plain sentences that are computed from its numbers."""
+"""The findings of a message set in plain sentences, computed from its numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FORMS = {"command": "a command", "state": "a state"}
 
 
 def finding(metrics: Metrics) -> str | None:
-    """How many times MQTT-XT's frames and bytes MAVLink's are; None without a completed attempt on each side."""
+    """MAVLink's frames and bytes as multiples of MQTT-XT's; None without a completed attempt on each side."""
     both = _both(metrics)
     if not both:
         return None
@@ -26,7 +26,7 @@ def finding(metrics: Metrics) -> str | None:
 
 
 def basis(metrics: Metrics) -> str | None:
-    """What the finding stands on: the amounts, the delays, what was lost, the thesis's ratios, how many attempts."""
+    """The basis of the finding: amounts, delays, losses, the thesis's ratios, the number of attempts."""
     both = _both(metrics)
     if not both:
         return None
@@ -40,7 +40,7 @@ def basis(metrics: Metrics) -> str | None:
 
 
 def shortfalls(metrics: Metrics) -> list[str]:
-    """Which kinds did not all do what they should, a line each: 'MAVLink, takeoff: 3 of 100 not as asked: …'."""
+    """A line per kind with failed calls or late values: 'MAVLink, takeoff: 3 of 100 calls were not acknowledged (…)'."""
     said = []
     for row in rows(metrics):
         for protocol, side in row.sides.items():
@@ -56,7 +56,7 @@ def shortfalls(metrics: Metrics) -> list[str]:
 
 
 def _both(metrics: Metrics) -> list[Row]:
-    """One command and one state, as far as both sides have them; none for another experiment."""
+    """The mean command and the mean state, as far as both sides have them; empty for another experiment."""
     if not is_message_set(metrics):
         return []
     return [row for row in totals(metrics) if {"mavlink", "mqttxt"} <= set(row.sides)]
@@ -90,7 +90,7 @@ def _lost(row: Row) -> str:
 
 
 def _thesis(table: list[Row]) -> str:
-    """Its packet ratios, of the kinds that were flown."""
+    """The thesis's packet ratios for the kinds that were flown."""
     parts = []
     for form, label in (("command", "commands"), ("state", "states")):
         ratios = [ratio for row in table if row.form == form and (ratio := row.printed_ratio("packets")) is not None]

@@ -1,4 +1,4 @@
-"""The message set's tables: each kind on each side for one message, and the thesis's figures of it."""
+"""The message set's tables: each kind on each side, per message, and the thesis's figures."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ EXPERIMENT = thesis.MESSAGE_SET
 
 @dataclass(frozen=True)
 class Row:
-    """A kind on all sides, and the thesis's figures of it by protocol, as `thesis.of_kind` has them.
+    """A kind on all sides, and the thesis's figures of it by protocol (`thesis.of_kind`).
 
-    `printed_frame` are its bytes of a packet, `computed` whether its MQTT-XT bytes are no measurement.
+    `printed_frame` has the thesis's bytes per packet; `computed`: its MQTT-XT bytes are no measurement.
     """
 
     name: str
@@ -30,16 +30,16 @@ class Row:
     computed: bool
 
     def amounts(self, how: str, what: str) -> dict[str, float]:
-        """By protocol the `packets` or `bytes` for one message, counted `with_states` or `alone`."""
+        """By protocol the `packets` or `bytes` per message, counted `with_states` or `alone`."""
         return {p: getattr(getattr(side, how), what) for p, side in self.sides.items()}
 
     def ratio(self, how: str, what: str) -> float | None:
-        """MAVLink / MQTT-XT of these amounts; None where there is none."""
+        """MAVLink / MQTT-XT of these amounts; None if one is missing."""
         by = self.amounts(how, what)
         return quotient(by.get("mavlink"), by.get("mqttxt"))
 
     def printed_ratio(self, what: str) -> float | None:
-        """The thesis's."""
+        """The thesis's ratio of `packets` or `bytes`."""
         by = self.printed.get(what, {})
         return quotient(by.get("mavlink"), by.get("mqttxt"))
 
@@ -49,7 +49,7 @@ def is_message_set(metrics: Metrics) -> bool:
 
 
 def rows(metrics: Metrics) -> list[Row]:
-    """A row for each kind of which a completed attempt has numbers: commands, then states."""
+    """A row for each kind that a completed attempt has: commands, then states."""
     return [
         Row(
             name,

@@ -14,7 +14,7 @@ from .message_set import Row, rows, totals
 
 
 def print_kinds(metrics: Metrics, console: Console) -> None:
-    """What each kind took, how long and how much of it was lost, and what did not do what it should."""
+    """Print the traffic, delay and loss of each kind, then failed calls and late values."""
     table = rows(metrics)
     if not table:
         return
@@ -25,7 +25,7 @@ def print_kinds(metrics: Metrics, console: Console) -> None:
 
 
 def traffic_table(metrics: Metrics, table: list[Row]) -> Table:
-    """Frames and bytes for one message, first all of them and then its own alone; and the thesis's packet ratio."""
+    """Frames and bytes per message, all and then its own alone, and the thesis's packet ratio."""
     protocols = [protocol for protocol, _ in words.sides(metrics)]
     made = _table("for one message: all frames on the links meanwhile, and its own alone")
     for protocol in protocols:
@@ -49,7 +49,7 @@ def traffic_table(metrics: Metrics, table: list[Row]) -> Table:
 
 
 def delay_table(metrics: Metrics, table: list[Row]) -> Table:
-    """The mean delay of one message and how many were lost, with the thesis's figures."""
+    """The mean delay per message and how many were lost, with the thesis's figures."""
     protocols = [protocol for protocol, _ in words.sides(metrics)]
     made = _table("one message: one-way delay (mean) and loss, and the thesis's")
     for protocol in protocols:

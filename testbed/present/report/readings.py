@@ -1,4 +1,4 @@
-"""The page's section on sensors: each series of the shown attempts, what all attempts brought, what carrying took."""
+"""The page's section on sensors: the series of the attempts in detail, the results of all attempts, the traffic."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NOTHING: AmountEntry = {"packets": 0, "bytes": 0}
 
 @dataclass(frozen=True)
 class Row:
-    """A series, as `metrics.json` has it of each side's shown attempt."""
+    """A series, with the entry in `metrics.json` of each side's attempt in detail."""
 
     drone: int
     kind: str
@@ -26,7 +26,7 @@ class Row:
 
 
 def rows_of(shown: Shown) -> list[Row]:
-    """By drone and kind; empty without sensors."""
+    """The rows, sorted by drone, one per kind; empty without sensors."""
     found: dict[tuple[int, str], Row] = {}
     for protocol, attempt in shown.items():
         for one in attempt["series"]:
@@ -36,12 +36,12 @@ def rows_of(shown: Shown) -> list[Row]:
 
 
 def unit_of(unit: str) -> str:
-    """A unit as people write it, which travels as letters."""
+    """A unit as it is written in text, from its ASCII form in messages."""
     return "°C" if unit == "degC" else unit
 
 
 def said(metrics: Metrics) -> list[str]:
-    """For each side in how many attempts every series arrived whole, and what is missing of the others."""
+    """Sentences for each side: in how many attempts every series arrived complete, and what the others lack."""
     sentences = []
     for protocol, side in words.sides(metrics):
         flown = [attempt for attempt in side["attempts"] if attempt["series"]]
@@ -62,7 +62,7 @@ def said(metrics: Metrics) -> list[str]:
 
 
 def missing(attempt: AttemptEntry) -> list[str]:
-    """What of an attempt's series is not as it should be, drone by drone."""
+    """The incomplete series of an attempt, drone by drone."""
     by_drone: dict[int, list[ReadingsEntry]] = {}
     for one in attempt["series"]:
         if not one["whole"]:
@@ -82,7 +82,7 @@ def _of(one: ReadingsEntry) -> str:
 
 
 def traffic_of(shown: Shown) -> list[tuple[str, dict[str, list[AmountEntry]]]]:
-    """For each kind of link, and all of them, packets and bytes by PURPOSES; empty where nothing was counted."""
+    """Packets and bytes by PURPOSES for each class of link, and for all links; empty if nothing was counted."""
     counted = {p: attempt["reading_traffic"] for p, attempt in shown.items()}
     if not any(counted.values()):
         return []
@@ -99,7 +99,7 @@ def _sum(amounts: list[AmountEntry]) -> AmountEntry:
 
 
 def cost(shown: Shown) -> str | None:
-    """Bytes of the frames that carried readings, for each value that arrived; None where none did."""
+    """A sentence on the bytes of the frames with readings, per value that arrived; None if none did."""
     parts = []
     for protocol, attempt in shown.items():
         arrived = sum(one["delivered"] for one in attempt["series"])

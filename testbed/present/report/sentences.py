@@ -1,4 +1,4 @@
-"""What a series says, in plain sentences that are computed from its numbers."""
+"""The findings of a series in plain sentences, computed from its numbers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ _LOSSES = (COMMANDS_LOST, STATES_LOST, FRAMES_LOST)
 
 
 def finding(metrics: Metrics) -> str:
-    """Which, by how much: one sentence. Without a completed attempt on each side it says so and makes no ratio."""
+    """The finding in one sentence: MAVLink over MQTT-XT. Without a completed attempt on each side, it says so and gives
+    no ratio."""
     sides = words.sides(metrics)
     if (of_kinds := message_sentences.finding(metrics)) is not None:
         return of_kinds
@@ -31,7 +32,8 @@ def finding(metrics: Metrics) -> str:
 
 
 def basis(metrics: Metrics) -> str | None:
-    """What the finding stands on: the other side's numbers, the fleet, the links, how many attempts."""
+    """The basis of the finding: the other side's numbers, the fleet, the links, the number of attempts. None without a
+    completed attempt on each side."""
     if (of_kinds := message_sentences.basis(metrics)) is not None:
         return of_kinds
     sides = dict(words.sides(metrics))
@@ -54,7 +56,7 @@ def basis(metrics: Metrics) -> str | None:
 
 
 def notes(metrics: Metrics) -> list[str]:
-    """What one must know before believing the numbers: why attempts failed or are void, and what was cut off."""
+    """Warnings about the numbers: why attempts failed or are void, and which files were cut off."""
     said = []
     for protocol, side in words.sides(metrics):
         name = wording.name_of(protocol)
@@ -74,7 +76,7 @@ def notes(metrics: Metrics) -> list[str]:
 
 
 def not_completed(outcomes: dict[str, list[OutcomeEntry]], reason: str) -> list[str]:
-    """The last words other than `completed` that a reason leaves out: 'drone 3: takeoff denied (not healthy)'."""
+    """The last words other than `completed` that `reason` does not have: 'drone 3: takeoff denied (not healthy)'."""
     return [
         f"drone {drone}: {entry['command']} {entry['word']}" + (f" ({entry['reason']})" if entry["reason"] else "")
         for drone, entries in outcomes.items()
@@ -84,7 +86,7 @@ def not_completed(outcomes: dict[str, list[OutcomeEntry]], reason: str) -> list[
 
 
 def none_lost(sides: dict[str, dict[str, Lost]]) -> str | None:
-    """A sentence in place of a figure where no link lost a frame; None where one did, or where nothing was counted."""
+    """A sentence in place of a figure if no link lost a frame; None if one did, or if nothing was counted."""
     if not sides or any(one.frames for links in sides.values() for one in links.values()):
         return None
     counts = [
@@ -106,7 +108,7 @@ def _compared(metrics: Metrics) -> str:
 
 
 def _delays(metrics: Metrics) -> str:
-    """How long commands took to reach a drone on each side, where both are known."""
+    """A sentence on how long commands took to reach a drone on each side; empty if one is unknown."""
     row = rows(metrics)[DELAY.key]
     if row.ratio is None:
         return ""
@@ -115,7 +117,7 @@ def _delays(metrics: Metrics) -> str:
 
 
 def _losses(metrics: Metrics) -> str:
-    """What was lost, where anything was."""
+    """A sentence for each kind of loss that occurred."""
     said = []
     table = rows(metrics)
     for row in (table[quantity.key] for quantity in _LOSSES):

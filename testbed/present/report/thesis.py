@@ -1,4 +1,4 @@
-"""The thesis's printed figures and what to know about them, from `thesis.yaml` beside this module."""
+"""The thesis's printed figures and their caveats, from `thesis.yaml` next to this module."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _UNITS = {"size_mb": ("size_bytes", 1e6), "packets": ("packets", 1), "mission_s"
 _UNITS |= {"loss_pct": ("wire_loss", 0.01)}
 MESSAGE_SET = "messages"
 FLEET = (2, 6)
-"""The fogs and the drones that flew its scenarios."""
+"""The numbers of fogs and drones in its scenarios."""
 MESSAGES = 100
-"""How many of each kind of message its table 5.3 is about."""
+"""The number of messages of each kind in its table 5.3."""
 _COMPUTED = (66.0, 68.0)
-"""Bytes a packet that its MQTT-XT sizes have to the digit: they are packets times this."""
+"""Bytes per packet that its MQTT-XT sizes have to the digit: those sizes are packets times this."""
 
 
 @cache
@@ -31,9 +31,8 @@ def everything() -> dict[str, Any]:
 
 
 def of_scenario(experiment: str) -> dict[str, dict[str, float]]:
-    """Its means by our metric and protocol, in our units (bytes, seconds, shares): {"packets": {"mavlink": 512827, …}}.
-
-    Empty for an experiment that it did not fly.
+    """The thesis's means by our metric and protocol, in our units (bytes, seconds, shares), as
+    {"packets": {"mavlink": 512827, …}}. Empty for an experiment that the thesis does not have.
     """
     printed = everything()["scenarios"].get(experiment, {})
     found = {}
@@ -44,19 +43,19 @@ def of_scenario(experiment: str) -> dict[str, dict[str, float]]:
 
 
 def flew_alike(metrics: Metrics) -> bool:
-    """Whether every completed attempt had as many fogs and drones as its scenarios, so that its figures compare."""
+    """Whether every completed attempt had the thesis's numbers of fogs and drones, so that its figures compare."""
     return {fleet_size(one) for side in metrics["protocols"].values() for one in completed(side)} <= {FLEET}
 
 
 def packet_sizes() -> dict[str, dict[str, int]]:
-    """Bytes of a packet between two nodes, by kind of message and protocol."""
+    """Bytes per packet between two nodes, by kind of message and protocol."""
     found: dict[str, dict[str, int]] = everything()["packet_size_bytes"]
     return found
 
 
 def of_kind(name: str) -> dict[str, dict[str, float]]:
-    """Its figures of a kind of message by protocol: `packets` and `bytes` for one message, the mean `delay_ms`, and
-    the `loss` as a share. Empty for a kind that it did not send."""
+    """The thesis's figures of a kind of message by protocol: `packets` and `bytes` per message, the mean `delay_ms`,
+    and the `loss` as a share. Empty for a kind that the thesis does not have."""
     printed = everything()["message_set"].get(name)
     if printed is None:
         return {}
@@ -69,18 +68,18 @@ def of_kind(name: str) -> dict[str, dict[str, float]]:
 
 
 def bytes_were_computed(name: str) -> bool:
-    """Whether its MQTT-XT bytes of a kind of message are its packets times a constant."""
+    """Whether the thesis's MQTT-XT bytes for a kind of message are its packets times a constant."""
     printed = of_kind(name)
     return bool(printed) and round(printed["bytes"]["mqttxt"] / printed["packets"]["mqttxt"], 3) in _COMPUTED
 
 
 def scenarios() -> tuple[str, ...]:
-    """The experiments that it flew, in its order."""
+    """The experiments of the thesis, in its order."""
     return tuple(everything()["scenarios"])
 
 
 def caveats(experiment: str) -> tuple[str, ...]:
-    """What to know before setting its figures of this experiment beside others; empty where it has none."""
+    """The caveats on comparing with the thesis's figures of an experiment; empty if the thesis has none."""
     if experiment not in (MESSAGE_SET, *everything()["scenarios"]):
         return ()
     about = {"message_set", "packet_size"} if experiment == MESSAGE_SET else {"scenarios", experiment}

@@ -1,4 +1,4 @@
-"""What was measured here beside what the thesis printed: means beside means, and ratios beside ratios."""
+"""The measurements here beside the thesis's figures: means beside means, and ratios beside ratios."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .gallery import SLIPS
 
 @dataclass(frozen=True)
 class Pair:
-    """A figure as text: measured here (a mean over attempts), and as the thesis has it."""
+    """A figure as text: measured here (a mean over attempts), and from the thesis."""
 
     here: str
     thesis: str
@@ -23,7 +23,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Row:
-    """A metric by protocol, and MAVLink's over MQTT-XT's."""
+    """A metric by protocol, and the ratio of MAVLink's to MQTT-XT's."""
 
     name: str
     cells: dict[str, Pair]
@@ -34,9 +34,9 @@ _QUANTITIES = (PACKETS, SIZE, MISSION)
 
 
 def rows(metrics: Metrics) -> list[Row]:
-    """Empty where the thesis has no figures of this experiment and a fleet of this size, or nothing was completed here.
+    """The rows; empty if the thesis has no figures for this experiment and fleet size, or nothing was completed here.
 
-    A ratio to a printed size that is a slip is none of the thesis's.
+    A printed size that is a slip (SLIPS) makes no ratio for the thesis.
     """
     printed = thesis.of_scenario(metrics["experiment"])
     sides = {p: side for p, side in observe(metrics["protocols"]).items() if side.completed}

@@ -1,1 +1,1 @@
-"""All experiments, arms and profiles beside each other: a page, and tables for documents."""
+"""All experiments, arms and profiles in one overview: a page, and tables for documents."""

@@ -1,4 +1,4 @@
-"""Which series counts for each experiment, arm and profile, of results folders."""
+"""The series in results folders that counts for each experiment, arm and profile."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIDES = ("mqttxt", "mavlink")
 class Cell:
     """The series that counts for an experiment in an arm on a profile, and its metrics.
 
-    `arm` is as the path has it, with what deviates from the arm: thesis+qos-1.
+    `arm` is as in the path, with the factors that deviate from the arm: thesis+qos-1.
     """
 
     experiment: str
@@ -32,23 +32,23 @@ class Cell:
 
     @cached_property
     def sides(self) -> Sides:
-        """Its attempts, typed; both protocols, though one was not flown."""
+        """Its attempts, typed; both protocols, even if one was not flown."""
         observed = observe(self.metrics["protocols"])
         return {protocol: observed.get(protocol, NO_SIDE) for protocol in SIDES}
 
     @property
     def name(self) -> str:
-        """As the results folder has it: scenario-1/thesis-ideal/20260101T000000Z."""
+        """Its path in the results folder: scenario-1/thesis-ideal/20260101T000000Z."""
         return "/".join(self.series.path.parts[-3:])
 
     @property
     def machine(self) -> str:
-        """The machine that flew it; nothing where that is not known, or is not one."""
+        """The machine that flew it; empty if unknown, or if there were several."""
         return self.metrics.get("machine") or ""
 
     @property
     def both(self) -> bool:
-        """Whether an attempt of each protocol counts."""
+        """Whether each protocol has an attempt that counts."""
         return _sides_of(self.metrics) == len(SIDES)
 
 
@@ -61,9 +61,9 @@ class Found:
 
 
 def find_cells(roots: Sequence[Path]) -> Found:
-    """The newest finished series of each cell: first of those in which both protocols have an attempt that counts.
+    """Find the newest finished series of each cell, preferably one in which both protocols have an attempt that counts.
 
-    A series is finished when it has been measured. Raises UserError for a folder that is none.
+    A series is finished once it is measured. Raises UserError if a root is no folder.
     """
     by_cell: dict[tuple[str, str], list[Series]] = defaultdict(list)
     for root in roots:
@@ -97,5 +97,5 @@ def _cell(experiment: str, label: str, series: Series) -> Cell:
 
 
 def _sides_of(metrics: Metrics) -> int:
-    """How many protocols have an attempt that counts."""
+    """The number of protocols with an attempt that counts."""
     return sum(bool(side["attempts"]) for side in metrics["protocols"].values())

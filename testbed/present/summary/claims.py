@@ -1,4 +1,4 @@
-"""What the thesis claims, and whether it holds in a cell."""
+"""The thesis's claims, and whether they hold in a cell."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ READING = (
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim in a cell: whether it holds and the figure that says so; None where there is nothing to judge by."""
+    """A claim in a cell: whether it holds (None: it cannot be judged), and the figure that decides it."""
 
     holds: bool | None
     figure: str = ""
@@ -33,14 +33,14 @@ class Judged:
 
 @dataclass(frozen=True)
 class Claim:
-    """What is claimed, as a heading, and how a cell is judged by it."""
+    """A claim: its heading, and the function that judges a cell by it."""
 
     heading: str
     judge: Callable[[Cell], Judged]
 
 
 def claims() -> tuple[Claim, ...]:
-    """The claims of the thesis's abstract, with its figures from `thesis.yaml`."""
+    """The claims in the thesis's abstract, with the figures from `thesis.yaml`."""
     printed = thesis.everything()["claims"]
     commands, states = printed["command_bytes_ratio"], printed["status_bytes_ratio"]
     shorter, loss = printed["mission_time_saving"], printed["loss_pct"]
@@ -60,7 +60,7 @@ def _times(cell: Cell, quantity: Quantity, claimed: float) -> Judged:
 
 def _shorter(cell: Cell, claimed: float) -> Judged:
     mission = row(MISSION, cell.sides).ratio
-    if mission is None or cell.experiment == MESSAGES:  # which is no mission
+    if mission is None or cell.experiment == MESSAGES:  # the message set is no mission
         return Judged(None)
     saved = 1 - 1 / mission
     said = f"{words.share(abs(saved))} {'shorter' if saved > 0 else 'longer'}"
@@ -68,7 +68,7 @@ def _shorter(cell: Cell, claimed: float) -> Judged:
 
 
 def _loses(cell: Cell, protocol: str, most: float | None = None, least: float | None = None) -> Judged:
-    """Against percents: at most, or at least."""
+    """Judge the messages lost over a protocol against percentages: at most, or at least."""
     found = MESSAGES_LOST.figure(cell.sides[protocol])
     if found.loss is None or found.value is None:
         return Judged(None)

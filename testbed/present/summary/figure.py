@@ -1,4 +1,4 @@
-"""The ratios of an experiment as points: traffic and, of missions, time; a row for each arm on each profile."""
+"""The ratios of an experiment as points: traffic and, for missions, time; a row per arm on each profile."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TIME = "Mission time: dashed, what the thesis claims."
 
 
 def ratios(overview: Overview) -> Figure | None:
-    """None where no cell has a ratio to draw."""
+    """The figure of ratios; None if no cell has a ratio to draw."""
     flown = [(block, [row for row in block.rows if row.rate is not None]) for block in overview.blocks]
     blocks = [(block, rows) for block, rows in flown if rows]
     if not blocks:
@@ -52,7 +52,7 @@ Blocks = list[tuple[Block, list[Numbers]]]
 
 @dataclass(frozen=True)
 class _Panel:
-    """Where a scale stands, and its rows' area."""
+    """A panel's scale, and the top and base of its rows."""
 
     across: Scale
     top: float
@@ -77,7 +77,7 @@ def _draw(blocks: Blocks, width: float, timed: bool) -> Drawing:
 def _panel(
     drawing: Drawing, blocks: Blocks, start: float, end: float, top: float, title: str, named: bool = True
 ) -> _Panel:
-    """A title and, with `named`, the profiles and arms on its left. Its scale is from 0 to 1."""
+    """Draw a title and, with `named`, the profiles and arms on the left. The panel's scale is from 0 to 1."""
     drawing.text(0 if drawing.narrow else start, top - 22, title, "ink", bold=True)
     y = top
     for block, rows in blocks:
@@ -132,7 +132,7 @@ def _change(time: float) -> str:
 
 
 def _rows(blocks: Blocks, top: float) -> list[tuple[str, Numbers, float]]:
-    """Each row with its profile and the height of its marks."""
+    """Each row with its profile and the y of its marks."""
     found, y = [], top
     for block, rows in blocks:
         y += _HEADING

@@ -1,4 +1,4 @@
-"""A cell of the message set, kind by kind: what each cost with all that ran beside it and alone, took and lost."""
+"""A cell of the message set, kind by kind: traffic in all and of its own, delay and loss."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ READING = (
 
 
 def rows_of(cell: Cell) -> list[list[str | Pair]]:
-    """A row for each kind: commands, then states; none where the cell is no message set."""
+    """A row for each kind: commands, then states; empty if the cell is no message set."""
     return [_row(cell, name, sides) for name, sides in kinds_of(cell.sides).items()]
 
 

@@ -1,4 +1,4 @@
-"""What the sides of a cell lost: of their completed attempts, or where there are none of the failed ones."""
+"""The losses of a cell's sides: over their completed attempts, or without any over the failed ones."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from .cells import Cell
 
 QUANTITIES = (COMMANDS_LOST, STATES_LOST, FRAMES_LOST)
 FAILED = "†"
-"""Marks a loss that is of failed attempts, until they gave up."""
+"""Marks a loss over failed attempts, until they gave up."""
 
 
 def both_sides(cell: Cell, quantity: Share) -> list[str]:
-    """'0 (< 0.44 %)' and '23 %'; with FAILED where a side completed no attempt."""
+    """Both sides' losses, as '0 (< 0.44 %)' and '23 %'; with FAILED if a side completed no attempt."""
     said = []
     for side in cell.sides.values():
         found = quantity.together(side.completed or side.attempts).brief

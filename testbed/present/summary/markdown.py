@@ -26,7 +26,7 @@ NOT_FLOWN = "Not flown."
 def fill(document: Path, cells: Iterable[Cell]) -> list[str]:
     """Write each table anew between its markers; returns their names.
 
-    Raises UserError for a document without markers, for one that is not closed, and for a name that is none.
+    Raises UserError for a document without markers, a marker that is not closed, and an unknown name.
     """
     try:
         text = document.read_text(encoding="utf-8")
@@ -57,7 +57,7 @@ def fill(document: Path, cells: Iterable[Cell]) -> list[str]:
 
 
 def _named(document: Path, name: str, known: Sequence[Overview]) -> tuple[str, Overview]:
-    """The kind of table that a marker names, and what it is of. Raises UserError for a name that says nothing."""
+    """The kind of table that a marker names, and the overview it is made from. Raises UserError for an unknown name."""
     kind, _, of = name.partition(":")
     experiment, _, profile = of.partition(":")
     profiles = [*profile_names(), *(block.profile for one in known for block in one.blocks)]
@@ -74,7 +74,7 @@ def _named(document: Path, name: str, known: Sequence[Overview]) -> tuple[str, O
 
 
 def numbers_of(overview: Overview) -> Iterator[str]:
-    """A table by profile, and on which profiles it was not flown."""
+    """A table per profile, and the profiles that were not flown."""
     for block in overview.blocks:
         yield f"**Profile `{block.profile}`**"
         flown = [row for row in block.rows if row.cell is not None]
@@ -96,7 +96,7 @@ def claims_of(overview: Overview) -> Iterator[str]:
 
 
 def bytes_of(overview: Overview) -> Iterator[str]:
-    """Where the bytes of both sides are, in a table by profile."""
+    """The bytes of both sides by purpose and layer, in a table per profile."""
     for block in overview.blocks:
         yield f"**Profile `{block.profile}`**"
         headings, rows = traffic.table([one for cell, _ in block.judged for one in traffic.bytes_of(cell)])
@@ -106,7 +106,7 @@ def bytes_of(overview: Overview) -> Iterator[str]:
 
 
 def kinds_of(overview: Overview) -> Iterator[str]:
-    """The message set kind by kind, in a table by profile."""
+    """The message set kind by kind, in a table per profile."""
     for block in overview.blocks:
         rows = [row for cell, _ in block.judged for row in kinds.rows_of(cell)]
         if rows:
@@ -117,7 +117,7 @@ def kinds_of(overview: Overview) -> Iterator[str]:
 
 
 def series_of(overview: Overview) -> Iterator[str]:
-    """From which series the numbers are, of which revision, flown where, what is to know of it, and what failed."""
+    """The series behind the numbers, each with revision, machine, shaper, completion and notes; then the failures."""
     rows = []
     named = any(cell.machine for cell in overview.cells)
     for cell in overview.cells:
@@ -132,7 +132,7 @@ def series_of(overview: Overview) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of table: its parts, and how to read it, which stands below the first of it in a document."""
+    """A kind of table: its parts, and how to read it, which is written below the first such table in a document."""
 
     write: Callable[[Overview], Iterator[str]]
     reading: str = ""
@@ -145,7 +145,7 @@ KINDS = {
     "kinds": Kind(kinds_of, kinds.READING),
     "series": Kind(series_of),
 }
-"""By the first word of a marker's name; an experiment follows, and a profile if it is to be one alone."""
+"""The kinds by the first word of a marker's name; an experiment follows, and optionally a profile."""
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -154,5 +154,5 @@ def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that Markdown takes for nothing else, but for code."""
+    """Text with Markdown's special characters escaped, except backticks."""
     return re.sub(r"([*_<|])", r"\\\1", " ".join(text.split()))

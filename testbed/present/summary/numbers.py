@@ -1,4 +1,4 @@
-"""A cell's numbers: what its series says in one row, side by side."""
+"""A cell's numbers: its series in one row."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COLUMNS = {
     "delay": "command delay",
     "delay ratio": "its ratio",
 }
-"""What a row of a cell has, with its heading; where both sides are in a column, MQTT-XT is the first."""
+"""The columns of a cell's row, with their headings; where a column has both sides, MQTT-XT is first."""
 READING = (
     "In each column MQTT-XT comes first, then MAVLink; an arm without a row was not flown. Packets and bytes: how many "
     "times those of MQTT-XT MAVLink "
@@ -41,7 +41,7 @@ READING = (
 
 @dataclass(frozen=True)
 class Pair:
-    """What both sides have in a column, as text."""
+    """The texts of both sides in a column."""
 
     mqttxt: str
     mavlink: str
@@ -52,10 +52,10 @@ class Pair:
 
 @dataclass(frozen=True)
 class Numbers:
-    """A row: its arm, what stands in each column, and the cell, None where it was not flown.
+    """A row: its arm, the text of each column, and the cell, None if it was not flown.
 
-    `packets`, `bytes`, `rate` (bytes a second) and `mission` are MAVLink's over MQTT-XT's, None where there is no ratio
-    to make.
+    `packets`, `bytes`, `rate` (bytes per second) and `mission` are ratios of MAVLink's to MQTT-XT's, None if there is
+    none.
     """
 
     arm: str
@@ -68,7 +68,7 @@ class Numbers:
 
 
 def not_flown(arm: str) -> Numbers:
-    """The row of a cell that has no finished series."""
+    """The row of a cell without a finished series."""
     return Numbers(arm, {name: NOT_FLOWN if name == "completed" else "" for name in COLUMNS})
 
 
@@ -93,17 +93,17 @@ def numbers_of(cell: Cell) -> Numbers:
 
 
 def attempts_of(cell: Cell, protocol: str) -> str:
-    """How many attempts of a side were completed, of how many; with those that are void: '2 of 3 (1 void)'."""
+    """The completed attempts of a side, of how many that count, and the void ones: '2 of 3 (1 void)'."""
     return COMPLETED.figure(cell.sides[protocol]).text if protocol in cell.metrics["protocols"] else NOT_FLOWN
 
 
 def completed_of(cell: Cell) -> Pair:
-    """The same of both sides."""
+    """As `attempts_of`, for both sides."""
     return Pair(*(attempts_of(cell, protocol) for protocol in SIDES))
 
 
 def troubles(cell: Cell) -> list[str]:
-    """A line for each reason for which attempts failed, and one for what is void and was not made good."""
+    """A line for each reason why attempts failed, and for each reason of void ones without a repeat that counts."""
     said = []
     for protocol, done in comparison.completion(cell.metrics).items():
         name = wording.name_of(protocol)

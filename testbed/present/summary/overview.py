@@ -1,4 +1,4 @@
-"""All cells in their order: experiments, within them profiles, within these every arm, flown or not."""
+"""All cells in order: experiments, within them profiles, within these every arm, flown or not."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from .numbers import Numbers, not_flown, numbers_of, troubles
 
 @dataclass(frozen=True)
 class Block:
-    """An experiment on a profile: a row for each arm, what each claim is in those flown, and what went wrong."""
+    """An experiment on a profile: a row for each arm, the judged claims of flown cells, and the failures."""
 
     profile: str
     rows: tuple[Numbers, ...]
     judged: tuple[tuple[Cell, tuple[Judged, ...]], ...]
     troubles: tuple[tuple[str, str], ...]
-    """Arms, and what there is to say of their attempts."""
+    """Arms, each with a line on failed or void attempts."""
 
 
 @dataclass(frozen=True)
 class Overview:
-    """An experiment: a block for each profile that it was flown on, and the profiles that it was not flown on."""
+    """An experiment: a block for each profile on which it was flown, and the other profiles."""
 
     experiment: str
     blocks: tuple[Block, ...]
     missing: tuple[str, ...]
 
     def on(self, profile: str) -> Overview:
-        """The part of one profile."""
+        """The part for one profile."""
         blocks = tuple(block for block in self.blocks if block.profile == profile)
         return Overview(self.experiment, blocks, () if blocks else (profile,))
 
@@ -43,7 +43,7 @@ class Overview:
 
 
 def overviews(cells: Iterable[Cell], experiments: Iterable[str] = ()) -> list[Overview]:
-    """One for each experiment of the cells and of `experiments`, in their order."""
+    """An overview for each experiment of the cells and of `experiments`, in order."""
     by_experiment: dict[str, list[Cell]] = {name: [] for name in experiments}
     for cell in cells:
         by_experiment.setdefault(cell.experiment, []).append(cell)

@@ -24,10 +24,10 @@ PAGE = "summary.html"
 
 
 def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -> None:
-    """A self-contained page, with each figure's data (`.csv`) and the figure for papers (`.pdf`) beside it.
+    """Write a self-contained page, and next to it each figure's data (`.csv`) and the figure for papers (`.pdf`).
 
-    Every cell links to its series' own report, relative to the page. `experiments` are shown though nothing of them
-    was flown.
+    Every cell links to its series' own report, relative to the page. `experiments` are shown even if they were not
+    flown.
     """
     shown = overviews(found.cells, experiments)
     figures = {one.experiment: figure for one in shown if (figure := ratios(one)) is not None}
@@ -66,7 +66,7 @@ def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -
 
 
 def finding(cells: Sequence[Cell]) -> str:
-    """How many attempts were completed over each protocol, and between what the ratios of bytes and times lie."""
+    """How many attempts were completed over each protocol, and the range of the ratios of bytes and times."""
     done = dict.fromkeys(wording.PROTOCOL_NAMES, (0, 0))
     for cell in cells:
         for protocol, one in completion(cell.metrics).items():

@@ -1,4 +1,4 @@
-"""Where a cell's bytes are: a second, by purpose and by layer, for each side."""
+"""A cell's bytes for each side: per second, by purpose and by layer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LAYERS = {
     "IP": ("ip",),
     "Ethernet": ("ethernet",),
 }
-"""Headings, and what metrics.json calls the layer on either side."""
+"""Headings, each with the layer's names in metrics.json on either side."""
 READING = (
     "Bytes a second: the median of all attempts that count, failed ones too, over all links. Shares are of all their "
     "bytes together, by purpose and then by layer; a frame with several messages is shared out among them by length."
@@ -30,7 +30,7 @@ READING = (
 
 @dataclass(frozen=True)
 class Bytes:
-    """One side of a cell; shares of its bytes add up to 1, for purposes and for layers each."""
+    """One side of a cell; the shares of its bytes add up to 1 over the purposes, and over the layers."""
 
     arm: str
     protocol: str
@@ -41,7 +41,7 @@ class Bytes:
 
 
 def bytes_of(cell: Cell) -> list[Bytes]:
-    """A side whose attempts counted no byte is left out."""
+    """The bytes of each side; a side without bytes is left out."""
     found = []
     for protocol in SIDES:
         a_second = COUNTED_BYTES_PER_S.figure(cell.sides[protocol])
@@ -59,7 +59,7 @@ def bytes_of(cell: Cell) -> list[Bytes]:
 
 
 def table(found: list[Bytes]) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows; a purpose or a layer for which no side has a byte has no column."""
+    """Headings and rows; purposes and layers without bytes on any side have no column."""
     used = [name for name in PURPOSES if any(one.purposes.get(name) for one in found)]
     layers = [name for name in LAYERS if any(one.layers[name] for one in found)]
     headings = ["arm", "", "completed", "bytes a second", *used, *layers]

@@ -110,16 +110,16 @@ def fly(
     reason = asyncio.run(flight.fly(options, mission, flying, log))
     log.close()
     if reason is not None:
-        which = "" if scenario.endswith(SUFFIX) else f"{scenario} failed: "  # its own file's name is in its reasons
+        which = "" if scenario.endswith(SUFFIX) else f"{scenario} failed: "  # a file's errors already name it
         typer.echo(f"mission: {which}{reason}", err=True)
         raise typer.Exit(1)
 
 
 def make_fleet(options: Options, log: EventLog) -> Fleet:
-    """The fleet of a protocol. Raises ValueError for options that it cannot work with."""
+    """The fleet for a protocol. Raises ValueError for options that do not fit it."""
     with _settings_as_values():
         if options.protocol == "mavlink":
-            from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, and nothing of it is MQTT-XT's
+            from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, which MQTT-XT does not need
 
             how = (options.commanding, options.streams, log, options.sensor_broker)
             return MavsdkFleet(options.urls, options.fleet, *how)
@@ -131,7 +131,7 @@ def make_fleet(options: Options, log: EventLog) -> Fleet:
 
 
 def make_message_set(options: Options, log: EventLog) -> tuple[Fleet, Mission]:
-    """The fleet and the mission of the message set; errors as `make_fleet`."""
+    """The fleet and the mission of the message set. Raises ValueError as `make_fleet`."""
     fleet = _make_message_fleet(options, log)
 
     async def mission(flown: Fleet, steps: Steps) -> None:

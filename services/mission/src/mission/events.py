@@ -1,4 +1,4 @@
-"""What a mission writes down: events.jsonl, and progress lines for whoever watches."""
+"""A mission's records: events.jsonl, and progress lines for whoever watches."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from mqttxt import Word
 from .fleet import Reading
 
 SHOW_LATER_S = 0.25
-"""Whoever watches takes a core for milliseconds: not those in which a step's command is under way."""
+"""The delay of progress lines: showing one takes a core for milliseconds, which a step's command shall not lose."""
 
 
 class EventLog:
-    """One JSON object a line, with CLOCK_REALTIME nanoseconds, as packet captures have them."""
+    """One JSON object per line, with CLOCK_REALTIME in nanoseconds, as in packet captures."""
 
     def __init__(self, path: Path, progress: TextIO = sys.stdout) -> None:
         self._file = path.open("a", encoding="utf-8")
@@ -33,7 +33,7 @@ class EventLog:
         self._file.flush()
 
     def reading(self, fog: int, reading: Reading) -> None:
-        """A sensor's value has arrived."""
+        """Log a sensor's value that has arrived."""
         self.write("reading", fog=fog, **asdict(reading))
 
     def outcome(
@@ -47,17 +47,17 @@ class EventLog:
         command_id: str | None = None,
         settled: bool = False,
     ) -> None:
-        """A word about a call; `settled`: it tells what became of an `unconfirmed`, and is no last word."""
+        """Log a word about a call; `settled`: it gives the outcome after an `unconfirmed`, and is no last word."""
         said = {"id": command_id, "word": word.label, "reason": reason, "final": word.is_last and not settled}
         self.write("outcome", call=call, command=command, fog=fog, drone=drone, **said)
 
     def next_call(self) -> int:
-        """The number of a new API call; its retries and its outcomes belong to it."""
+        """The number of a new API call, under which its retries and outcomes are logged."""
         self._calls += 1
         return self._calls
 
     def show(self, step: str, drones: dict[int, str]) -> None:
-        """A progress line: when (CLOCK_MONOTONIC), which step, and where each drone is; written SHOW_LATER_S later.
+        """Write a progress line after SHOW_LATER_S: the time (CLOCK_MONOTONIC), the step, and each drone's status.
 
         Raises RuntimeError outside an event loop.
         """

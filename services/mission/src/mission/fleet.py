@@ -1,4 +1,4 @@
-"""The Fleet interface: what a mission can ask of its drones, whatever protocol carries it."""
+"""The Fleet interface: a mission's commands to its drones, over any protocol."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 @dataclass(frozen=True)
 class Result:
-    """How a command ended for one drone: the last word and why."""
+    """The outcome of a command for one drone: the last word and its reason."""
 
     drone: int
     word: str
@@ -26,7 +26,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Point:
-    """Where a drone is sent: WGS84 degrees, and metres above its home."""
+    """A drone's target: WGS84 degrees, and metres above its home."""
 
     latitude_deg: float
     longitude_deg: float
@@ -35,9 +35,9 @@ class Point:
 
 @dataclass(frozen=True)
 class Survey:
-    """Points that are flown to one after the other, behind a takeoff to the first one's altitude; then the return.
+    """Points to fly to in order, after a takeoff to the first one's altitude and before the return.
 
-    So it is a mission of two items more than it has points.
+    So its mission has two items more than it has points.
     """
 
     points: tuple[Point, ...]
@@ -45,7 +45,7 @@ class Survey:
 
 @dataclass(frozen=True)
 class Status:
-    """What is known of a drone: None where nothing was heard yet. Altitude is in metres above home."""
+    """The known state of a drone; unknown values are None. The altitude is in metres above home."""
 
     armed: bool | None = None
     mode: str | None = None
@@ -61,7 +61,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Reading:
-    """A value that a sensor measured and a drone carried, as mqttxt.SensorReading has it."""
+    """A value that a sensor measured and a drone carried, with the fields of mqttxt.SensorReading."""
 
     drone: int
     sensor: int
@@ -74,18 +74,18 @@ class Reading:
 
 
 class Fleet(Protocol):
-    """Six drones or any other number. Every command returns one result for each drone that it goes to, mostly all."""
+    """Six drones or any other number. Every command returns one result for each drone that gets it, mostly all."""
 
     @property
     def drones(self) -> tuple[int, ...]: ...
 
     async def connect(self, limit_s: float) -> None:
-        """Wait until every drone is reachable and has published its states; raises MissionError."""
+        """Wait until every drone is reachable and has published its states. Raises MissionError, also at `limit_s`."""
 
     async def close(self) -> None: ...
 
     def within(self, limit_s: float) -> float:
-        """Commands from now on may take so long; returns in how many seconds each has its last word, or has none."""
+        """Limit commands from now on; returns the seconds after which no last word of theirs can arrive any more."""
 
     async def arm(self) -> list[Result]: ...
 
@@ -94,67 +94,67 @@ class Fleet(Protocol):
     async def land(self) -> list[Result]: ...
 
     async def goto(self, points: Mapping[int, Point]) -> list[Result]:
-        """Each drone of `points` flies to its own; completed on arrival."""
+        """Send each drone of `points` to its own point; completed on arrival."""
 
     async def goto_best(self, point: Point) -> Result:
-        """The drone that arrives first flies there: completed on arrival, with the drone that it was.
+        """Send the drone that arrives first; completed on arrival. The result names the drone.
 
-        MQTT-XT's activators choose (PSMI). Raises MissionError where the protocol has no such choice, or nobody can.
+        MQTT-XT's activators choose it (PSMI). Raises MissionError if the protocol has no such choice, or no drone can.
         """
 
     async def return_home(self) -> list[Result]:
-        """Back to the takeoff point and down; completed when landed and disarmed."""
+        """Return to the takeoff point and land; completed when landed and disarmed."""
 
     async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
-        """Replace the mission of each drone of `surveys`; completed as the protocol says that the drone has it."""
+        """Replace the mission of each drone of `surveys`; completed when the protocol confirms the upload."""
 
     async def fly_survey(self) -> list[Result]:
-        """Fly the missions that were uploaded; completed when landed and disarmed."""
+        """Fly the uploaded missions; completed when landed and disarmed."""
 
     @property
     def readings(self) -> Sequence[Reading]:
-        """Every sensor's reading that has arrived, each once."""
+        """All sensors' readings that have arrived, each once."""
 
     def status(self, drone: int) -> Status: ...
 
     async def changed(self) -> None:
-        """Return when something was heard since the last call."""
+        """Return when a message arrived since the last call."""
 
 
 class Told(NamedTuple):
-    """A state's value, and how old it was at most when it came, in ms; None where it is unknown."""
+    """A state's value, and its greatest possible age on arrival, ms; None if that is unknown."""
 
     value: dict[str, Any]
     age_ms: int | None
 
 
 class MessageFleet(Fleet, Protocol):
-    """One drone, that is asked and listened to message by message."""
+    """One drone, whose messages are called and received one by one."""
 
     tells_faster: bool
-    """Whether states come at the vehicle's own rates, which are not those that `request_state` asks for."""
+    """Whether states arrive at the vehicle's own rates instead of those that `request_state` requests."""
 
     async def call(self, call: int, name: str) -> Result:
-        """One API call of a command by its name, returning when the autopilot has acknowledged it or the call failed.
+        """Make one API call of a command; return when the autopilot has acknowledged it or the call has failed.
 
         `call` is its number in the events.
         """
 
     async def settle(self) -> bool:
-        """Wait until nothing goes on of the last call; whether that came about within its limit."""
+        """Wait until the last call has ended completely; returns whether that was within the limit."""
 
     def follows(self, armed: bool) -> bool:
-        """Whether the ground station knows that the drone is in hold, and armed or not."""
+        """Whether the ground station knows the starting state: `armed` and, if the protocol needs it, hold."""
 
     async def stop_fixed_rates(self) -> None:
-        """End the states that the arm has at a fixed rate; raises MissionError."""
+        """End the states that the arm publishes at a fixed rate. Raises MissionError."""
 
     async def request_state(self, name: str) -> asyncio.Queue[Told]:
-        """Ask for a state at 1 Hz; returns where its values arrive. Raises MissionError."""
+        """Request a state at 1 Hz; returns the queue of its values. Raises MissionError."""
 
     async def stop_state(self, name: str) -> None:
-        """End what `request_state` began."""
+        """End a request of `request_state`."""
 
 
 class MissionError(Exception):
-    """Why a mission failed; the text is the attempt's reason."""
+    """A mission failed; the text is the attempt's reason."""

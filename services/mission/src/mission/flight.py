@@ -1,4 +1,4 @@
-"""A mission from its fleet's connection to its end, with what it writes down."""
+"""A mission from its fleet's connection to its end, with its records."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONNECT_LIMIT_S = 30.0
 
 
 async def fly(options: Options, mission: Mission, fleet: Fleet, log: EventLog) -> str | None:
-    """Fly it; returns why it failed, None when it did not. The clock of the links begins with the mission."""
+    """Fly a mission; returns the reason of a failure, None without one. The links' clock starts with the mission."""
     reason = None
     try:
         await fleet.connect(CONNECT_LIMIT_S)
@@ -34,13 +34,13 @@ async def fly(options: Options, mission: Mission, fleet: Fleet, log: EventLog) -
 
 
 def _reached(options: Options) -> Callable[[int], bool]:
-    """Of a drone: whether its sensor has measured anything; unknown where no sensors keep a record."""
+    """A function that returns whether a drone's sensor has measured anything; True if sensors keep no record."""
     folder = options.sensors
     return lambda drone: folder is None or has_measured(folder, drone)
 
 
 def _check_series(options: Options, fleet: Fleet, log: EventLog) -> str | None:
-    """Hold what arrived to what the sensors measured, for missions that collect; returns what is not as measured."""
+    """Compare the arrived readings with the sensors' records, for missions that collect; returns the differences."""
     if options.sensors is None or options.series is None:
         return None
     measured = read_measured(options.sensors, fleet.drones)

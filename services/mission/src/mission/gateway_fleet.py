@@ -1,4 +1,4 @@
-"""The fleet over MQTT-XT with MAVSDK as its ground station, through a `mqttxt gs mavlink` beside the mission."""
+"""The fleet over MQTT-XT with MAVSDK as the ground station, through a gateway (`mqttxt gs mavlink`) on its machine."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .options import Options
 
 PORT = 14_550
 STREAMS = "px4-gcs"
-"""What the gateway shows is like PX4's set for a ground station, whatever the autopilots stream on their drones."""
+"""The gateway's messages are like PX4's set for a ground station, whatever the autopilots stream on their drones."""
 LAST_WORDS = 300
-"""Characters of what a gateway that has ended said last."""
+"""How many of the last characters of the gateway's error output are kept."""
 
 
 class GatewayFleet(MavsdkFleet):
-    """As over MAVLink, with the gateway in the place of the routers. Raises ValueError as that does."""
+    """A MavsdkFleet with the gateway in place of the routers. Raises ValueError as MavsdkFleet does."""
 
     def __init__(self, options: Options, log: EventLog, port: int = PORT) -> None:
         super().__init__((f"udpin://127.0.0.1:{port}",), options.fleet, options.commanding, STREAMS, log)
@@ -29,7 +29,7 @@ class GatewayFleet(MavsdkFleet):
         self._reading: asyncio.Task[None] | None = None
 
     async def connect(self, limit_s: float) -> None:
-        """As MavsdkFleet; raises MissionError also where the gateway does not run."""
+        """Start the gateway and connect as MavsdkFleet. Raises MissionError also if the gateway ends."""
         self._gateway = await asyncio.create_subprocess_exec(
             *self._words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE, env=dict(os.environ)
         )
@@ -52,13 +52,13 @@ class GatewayFleet(MavsdkFleet):
             await self._reading
 
     async def changed(self) -> None:
-        """As MavsdkFleet; raises MissionError also when the gateway has ended."""
+        """As MavsdkFleet. Raises MissionError also if the gateway has ended."""
         self._check_gateway()
         await super().changed()
         self._check_gateway()
 
     async def _read(self, gateway: asyncio.subprocess.Process) -> None:
-        """Until it has ended, what it says."""
+        """Copy the gateway's error output to stderr until it has ended."""
         assert gateway.stderr is not None
         while said := await gateway.stderr.read(4096):
             self._said = (self._said + said)[-LAST_WORDS:]
@@ -72,7 +72,7 @@ class GatewayFleet(MavsdkFleet):
 
 
 def gateway_command(options: Options, port: int) -> list[str]:
-    """`mqttxt gs mavlink` for a mission's options."""
+    """The command line of `mqttxt gs mavlink` for a mission's options."""
     command = [sys.executable, "-m", "mqttxt", "gs", "mavlink", "--cloud", options.cloud, "--qos", options.qos]
     command += [word for fog in options.fleet for word in ("--fog", str(fog))]
     if options.identity is None:

@@ -1,4 +1,4 @@
-"""What a mission asks MAVSDK for that takes more than one call of it, or more than its arguments."""
+"""A mission's requests that need several calls of MAVSDK, or converted arguments."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .mavsdk_drone import MavsdkDrone
 
 
 async def take_off(drone: MavsdkDrone, altitude_m: float) -> None:
-    """MAVSDK's takeoff goes to the vehicle's own takeoff altitude, which is set before where it is another one."""
+    """Take off. MAVSDK climbs to the vehicle's takeoff altitude, which is first set to `altitude_m` if it differs."""
     if drone.takeoff_altitude_m != altitude_m:
         await drone.action.set_takeoff_altitude(altitude_m)
         drone.takeoff_altitude_m = altitude_m
@@ -20,13 +20,13 @@ async def take_off(drone: MavsdkDrone, altitude_m: float) -> None:
 
 
 async def go_to(drone: MavsdkDrone, point: Point) -> None:
-    """MAVSDK wants the altitude above sea level: home's is what the drone's own two altitudes differ by."""
+    """Fly to a point. MAVSDK takes altitudes above sea level: home's is the difference of the drone's own two."""
     amsl_m = drone.view.home_amsl_m + point.altitude_m
     await drone.action.goto_location(point.latitude_deg, point.longitude_deg, amsl_m, math.nan)
 
 
 def items_of(survey: Survey) -> list[MissionItem]:
-    """A survey as MAVSDK uploads it."""
+    """A survey as the items that MAVSDK uploads."""
     first, *_ = survey.points
     there = [(mavlink.MAV_CMD_NAV_TAKEOFF, first), *((mavlink.MAV_CMD_NAV_WAYPOINT, point) for point in survey.points)]
     items = [_item(seq, command, point) for seq, (command, point) in enumerate(there)]
@@ -34,7 +34,7 @@ def items_of(survey: Survey) -> list[MissionItem]:
 
 
 def _item(seq: int, command: int, point: Point | None) -> MissionItem:
-    """An item at a point above home, or without a place; its heading is not set."""
+    """An item at a point above home, or without a position; its heading is not set."""
     frame, x, y, z = mavlink.MAV_FRAME_MISSION, 0, 0, 0.0
     if point is not None:
         frame, z = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, point.altitude_m

@@ -1,4 +1,4 @@
-"""One drone through MAVSDK: its telemetry as states, its set-up before the mission, and whether it is still there."""
+"""One drone through MAVSDK: its telemetry as states, its set-up before the mission, and its loss."""
 
 from __future__ import annotations
 
@@ -27,42 +27,42 @@ Value = TypeVar("Value")
 Answer = TypeVar("Answer")
 
 LOST_S = 10.0
-"""A drone is lost when it stays away so long after MAVSDK missed its heartbeats for three seconds."""
+"""A drone is lost when it stays silent this long after MAVSDK missed its heartbeats for three seconds."""
 LOCATION_LOG_S = 0.75
-"""Fifty locations a second are too many for the events; of those that come once a second none is left out."""
+"""The least time between logged locations: fifty per second are too many, and of one per second all are logged."""
 FIVE_STATES_HZ = 1.0
 _AGAIN = (
     *(TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY),
-    ActionResult.PARAMETER_ERROR,  # MAVSDK's Action gives this also for a parameter that did not come in time
+    ActionResult.PARAMETER_ERROR,  # MAVSDK's Action also gives this for a parameter that did not arrive in time
 )
 
 
 class Calls:
-    """Calls of MAVSDK's that run in threads: a cancelled one goes on in its own until MAVSDK gives up on it."""
+    """MAVSDK's calls, which run in threads: a cancelled call goes on in its thread until MAVSDK gives it up."""
 
     def __init__(self) -> None:
         self._open: set[asyncio.Task[Any]] = set()
 
     async def run(self, call: Coroutine[Any, Any, Answer]) -> Answer:
-        """The answer of a call."""
+        """Run a call and return its answer."""
         task = asyncio.ensure_future(call)
         self._open.add(task)
         task.add_done_callback(self._ended)
         return await asyncio.shield(task)
 
     async def wait(self) -> None:
-        """Wait until none is open; MAVSDK ends each after three seconds at the latest."""
+        """Wait until no call is open; MAVSDK ends each within three seconds."""
         if self._open:
             await asyncio.wait(self._open)
 
     def _ended(self, task: asyncio.Task[Any]) -> None:
         self._open.discard(task)
         if not task.cancelled():
-            task.exception()  # whoever was cancelled does not ask for it
+            task.exception()  # which a cancelled caller does not retrieve
 
 
 class MavsdkDrone:
-    """A vehicle by its MAVLink system id, which is the drone's number. `on_news` is called when a message has come."""
+    """A vehicle by its MAVLink system id, which is the drone's number. `on_news` is called after each message."""
 
     def __init__(
         self,
@@ -98,9 +98,9 @@ class MavsdkDrone:
         self._tasks = [asyncio.create_task(listening) for listening in self._listeners()]
 
     async def set_up(self) -> None:
-        """Ask for what has to be streamed and read the takeoff altitude; raises MissionError when it is refused.
+        """Request the streams and read the takeoff altitude. Raises MissionError if a request is refused.
 
-        A request that is not answered is repeated until cancelled; `unanswered` is the last such and how it ended.
+        An unanswered request is repeated until cancelled; `unanswered` has the last one and its result.
         """
         if self._streams == "five-states":
             for state in ("battery", "location", "groundspeed"):
@@ -111,9 +111,9 @@ class MavsdkDrone:
         self._tell()
 
     async def ask_rate(self, state: str, rate_hz: float) -> None:
-        """Ask for a state at a rate, 0: the vehicle's own; errors as `set_up`.
+        """Request a state at a rate, Hz; 0 is the vehicle's own. Errors as in `set_up`.
 
-        A flight mode comes with every heartbeat, whose rate nobody sets; a heading with the location.
+        A flight mode arrives with every heartbeat, whose rate is fixed, and a heading with the location.
         """
         ask: dict[str, tuple[str, Callable[[float], Coroutine[Any, Any, None]]]] = {
             "battery": ("BATTERY_STATUS", self.telemetry.set_rate_battery),
@@ -126,7 +126,7 @@ class MavsdkDrone:
             await self._ask(message, lambda: set_rate(rate_hz))
 
     async def settle(self, goal: Goal, asked_s: float) -> tuple[Word, str | None]:
-        """Wait for the effect of a command that was accepted just now: its last word, and the reason for a bad one."""
+        """Wait for the effect of a command that was just accepted; returns its last word, and a failure's reason."""
         accepted_s = self._clock()
         entered = False
         try:
@@ -145,7 +145,7 @@ class MavsdkDrone:
         return Word.COMPLETED, None
 
     async def close(self) -> None:
-        """Stop listening and asking."""
+        """Stop listening. Raises a listener's error."""
         if self._losing is not None:
             self._losing.cancel()
         for task in self._tasks:
@@ -155,9 +155,9 @@ class MavsdkDrone:
                 raise ended
 
     async def _put_back(self) -> None:
-        """EXTENDED_SYS_STATE as the vehicle's own stream set has it, so that a set is what its name says.
+        """Restore the rate of EXTENDED_SYS_STATE in the vehicle's own stream set.
 
-        MAVSDK's Action asks for it at 1 Hz by itself, each time a vehicle is connected.
+        MAVSDK's Action requests it at 1 Hz whenever a vehicle connects, which would change the set.
         """
         await self._ask("EXTENDED_SYS_STATE", lambda: self.telemetry.set_rate_landed_state(0.0))
 
@@ -189,7 +189,7 @@ class MavsdkDrone:
         return found
 
     def _on_armed(self, armed: bool) -> None:
-        """MAVSDK reports it with every heartbeat of the autopilot, changed or not."""
+        """MAVSDK reports `armed` with every heartbeat of the autopilot, changed or not."""
         now_s = self._clock()
         self.heartbeats.heard(now_s)
         before, self.view.armed = self.view.armed, Told(armed, now_s)

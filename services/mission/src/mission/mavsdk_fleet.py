@@ -1,4 +1,4 @@
-"""The fleet over MAVLink: MAVSDK as a ground station, one call for each drone."""
+"""The fleet over MAVLink, with MAVSDK as the ground station: one call for each drone."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from .options import COMMANDINGS, STREAMS
 from .plain_readings import PlainReadings
 
 LOOK_S = 0.1
-"""Pause between two looks at MAVSDK's systems: it announces a new one, but not the autopilot that joins it."""
+"""The pause between two checks of MAVSDK's systems: it announces a new one, but not the autopilot that joins it."""
 THREADS_PER_DRONE = 4
 """A call that is not answered keeps a thread for two or three seconds."""
 
@@ -54,12 +54,12 @@ class _Accepted:
 
 
 class MavsdkFleet:
-    """Drones by their MAVLink system ids, heard at `urls` (`udpin://HOST:PORT`); `fogs` maps each fog to its drones.
+    """Drones by their MAVLink system ids, received at `urls` (`udpin://HOST:PORT`); `fogs` maps fogs to their drones.
 
-    `commanding`: `one-by-one` makes the next call when the last one returned, as a plain MAVSDK script does;
-    `concurrent` all at once. `streams` is what the vehicles send: `px4-onboard` and `px4-gcs` by themselves,
-    `five-states` what they are asked for here. `sensor_broker` is where sensors' readings arrive, which MAVLink has no
-    messages for: empty, or mqtt://HOST[:PORT].
+    `commanding`: `one-by-one` makes the next call after the last one returned, as a plain MAVSDK script does;
+    `concurrent` makes all at once. `streams` are the vehicles' messages: `px4-onboard` and `px4-gcs` are sent
+    unasked, `five-states` are requested here. Sensors' readings, for which MAVLink has no messages, arrive at
+    `sensor_broker`: empty, or mqtt://HOST[:PORT].
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class MavsdkFleet:
         return tuple(drone for drones in self._fogs.values() for drone in drones)
 
     async def connect(self, limit_s: float) -> None:
-        """Wait until every drone is there, does what it was asked for and has sent its states; raises MissionError."""
+        """Wait until every drone is connected, set up and has sent its states. Raises MissionError."""
         asyncio.get_running_loop().set_default_executor(
             ThreadPoolExecutor(THREADS_PER_DRONE * max(1, len(self.drones)), "mavsdk")
         )
@@ -140,11 +140,11 @@ class MavsdkFleet:
         return await self._command_each("goto", lambda drone: go_to(drone, points[drone.number]), goals)
 
     def within(self, limit_s: float) -> float:
-        """MAVLink's commands have no limit, nor a last word that comes later."""
+        """MAVLink's commands have no limit, nor a last word that arrives later."""
         return limit_s
 
     async def goto_best(self, point: Point) -> Result:
-        """Raises MissionError: over MAVLink nobody chooses among drones."""
+        """Raises MissionError: MAVLink has no choice among drones."""
         raise MissionError("goto_best: MAVLink has no choice among drones; expected the protocol mqttxt")
 
     async def return_home(self) -> list[Result]:
@@ -169,7 +169,7 @@ class MavsdkFleet:
         return found.view.status if found is not None else Status()
 
     async def changed(self) -> None:
-        """Return when something was heard since the last call; raises MissionError when a drone is lost."""
+        """Return when a message arrived since the last call. Raises MissionError if a drone is lost."""
         self._news.clear()
         self._check_lost()
         await self._news.wait()
@@ -189,7 +189,7 @@ class MavsdkFleet:
                 raise MissionError(f"connect: {url}: {error}") from error
 
     async def _look(self) -> None:
-        """Take in the vehicles that appeared; raises MissionError for two with one system id and a refused set-up."""
+        """Add the vehicles that appeared. Raises MissionError for two with one system id, or a refused set-up."""
         assert self._mavsdk is not None
         for system in await self._mavsdk.get_systems():
             number = await system.get_system_id()
@@ -216,7 +216,7 @@ class MavsdkFleet:
         self._setting_up.add(asyncio.create_task(drone.set_up()))
 
     def _missing(self) -> list[str]:
-        """What is not there yet of the mission's drones."""
+        """The reasons why the fleet is not ready, empty when it is."""
         found = self._sensors.missing if self._sensors is not None else []
         heard = f" (heard system {', '.join(map(str, sorted(self._others)))})" if self._others else ""
         for number in self.drones:
@@ -241,11 +241,11 @@ class MavsdkFleet:
             raise MissionError("; ".join(lost))
 
     async def _command(self, command: str, ask: Ask, goal: Goal) -> list[Result]:
-        """Ask every drone the same."""
+        """Make the same call for every drone."""
         return await self._command_each(command, ask, dict.fromkeys(self.drones, goal))
 
     async def _command_each(self, command: str, ask: Ask, goals: Mapping[int, Goal]) -> list[Result]:
-        """Ask the drones of `goals` in the manner of `commanding`; completion is awaited beside it."""
+        """Call the drones of `goals`, one by one or at once as `commanding` has it; completions overlap."""
         async with asyncio.TaskGroup() as group:
             flown = []
             for number, goal in goals.items():
@@ -257,7 +257,7 @@ class MavsdkFleet:
         return [flight.result() for flight in flown]
 
     async def _fly(self, drone: MavsdkDrone, command: str, ask: Ask, goal: Goal, acknowledged: asyncio.Event) -> Result:
-        """A command from its call to its last word; `acknowledged` is set when the call has returned."""
+        """Carry a command from its call to its last word; `acknowledged` is set when the call has returned."""
         accepted = await self._call(drone, command, ask)
         acknowledged.set()
         if isinstance(accepted, Result):
@@ -269,7 +269,7 @@ class MavsdkFleet:
         return await self._call_as(self._log.next_call(), drone, command, ask)
 
     async def _call_as(self, call: int, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | Result:
-        """A call with its number."""
+        """Make a call under a given number."""
         asked_s = asyncio.get_running_loop().time()
         self._log.write("command", call=call, command=command, fog=drone.fog, drone=drone.number)
         try:
@@ -285,6 +285,6 @@ class MavsdkFleet:
 
 
 def _to_logger(level: LogLevel, message: str, file: str | None, line: int) -> bool:
-    """MAVSDK's own log as Python's; returns that it needs no printing."""
+    """Pass MAVSDK's log to Python's; returns True, so that MAVSDK does not print it."""
     logger.log(logging.WARNING if level >= LogLevel.ERROR else logging.DEBUG, "%s", message)
     return True

@@ -1,4 +1,4 @@
-"""MAVSDK's results and telemetry in MQTT-XT's words: what is known of a drone, and what shows a command's effect."""
+"""MAVSDK's results and telemetry in MQTT-XT's terms: a drone's known state, and the proof of a command's effect."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WORDS: Final[dict[str, tuple[Word, str | None]]] = {
     "UNSUPPORTED": (Word.UNSUPPORTED, None),
     "FAILED": (Word.FAILED, "autopilot"),
 }
-"""By the names that results of MAVSDK's plugins have; any other is `failed`, with the name as the reason."""
+"""Last words by the names of MAVSDK's results; any other is `failed`, with the name as the reason."""
 
 _MODES: Final[dict[FlightMode, FlightModeName]] = {
     FlightMode.TAKEOFF: FlightModeName.TAKEOFF,
@@ -57,26 +57,26 @@ _LANDED: Final[dict[LandedState, Landed]] = {
 
 
 def refusal(result: ActionResult | MissionRawResult | OffboardResult) -> tuple[Word, str | None]:
-    """The last word for a result of a plugin of MAVSDK's other than success, and its reason.
+    """The last word and its reason for any result of a MAVSDK plugin except success.
 
-    MAVSDK says COMMAND_DENIED for MAV_RESULT_DENIED and MAV_RESULT_TEMPORARILY_REJECTED alike.
+    MAVSDK gives COMMAND_DENIED for both MAV_RESULT_DENIED and MAV_RESULT_TEMPORARILY_REJECTED.
     """
     return _WORDS.get(result.name, (Word.FAILED, result.name.lower()))
 
 
 def mode_of(mode: FlightMode) -> FlightModeName:
-    """A flight mode by MQTT-XT's name; UNKNOWN where it has none."""
+    """MQTT-XT's name of a flight mode; UNKNOWN for one without a name."""
     return _MODES.get(mode, FlightModeName.UNKNOWN)
 
 
 def landed_of(state: LandedState) -> Landed:
-    """MAV_LANDED_STATE by MQTT-XT's name."""
+    """MQTT-XT's name of a landed state."""
     return _LANDED[state]
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a drone is; altitude_m in metres above home, as GLOBAL_POSITION_INT.relative_alt."""
+    """A drone's position; `altitude_m` is in metres above home, as GLOBAL_POSITION_INT.relative_alt."""
 
     latitude_deg: float
     longitude_deg: float
@@ -109,7 +109,7 @@ class View:
 
     @property
     def missing(self) -> list[str]:
-        """The states that have not come yet, by MQTT-XT's names."""
+        """The states that have not arrived yet, by MQTT-XT's names."""
         told: dict[str, object] = {"armed": self.armed, "flight_mode": self.mode, "location": self.place}
         if self.tells_landed:
             told["landed_state"] = self.landed
@@ -117,7 +117,7 @@ class View:
 
     @property
     def home_amsl_m(self) -> float:
-        """Home's altitude above sea level. Only for a view that misses nothing."""
+        """Home's altitude above sea level, m; only valid once the position has arrived."""
         assert self.place is not None
         return self.place.value.altitude_amsl_m - self.place.value.altitude_m
 
@@ -131,20 +131,20 @@ class View:
         )
 
     def is_landed_as(self, wanted: Landed, since_s: float) -> bool:
-        """Whether telemetry has shown it since then; true where the streams do not carry it."""
+        """Whether telemetry since then has shown the landed state; true if the streams do not carry it."""
         return not self.tells_landed or since(self.landed, since_s) == wanted
 
 
 def since(told: Told[Value] | None, since_s: float) -> Value | None:
-    """The telemetry, if it came after a time."""
+    """The value, if it arrived at `since_s` or later."""
     return told.value if told is not None and told.at_s >= since_s else None
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A command's effect: what shows it, the modes it runs in, and how long it may take.
+    """A command's effect: its proof, the modes it runs in, and the time it may take.
 
-    `reached(view, since_s)` looks only at telemetry since the call. `passing` are modes that may follow its own.
+    `reached(view, since_s)` uses only telemetry since the call. `passing` are modes that may follow its own.
     """
 
     reached: Callable[[View, float], bool]
@@ -154,7 +154,7 @@ class Goal:
     needs_armed: bool = False
 
     def failure(self, view: View, accepted_s: float, entered: bool) -> str | None:
-        """Why the effect will not come any more, None while it can. `entered`: one of its modes has been shown."""
+        """Why the effect can no longer be reached, None while it can. `entered`: one of its modes has been shown."""
         if self.needs_armed and since(view.armed, accepted_s) is False:
             return "disarmed"
         mode = since(view.mode, accepted_s)
@@ -164,7 +164,7 @@ class Goal:
 
 
 def arm_goal() -> Goal:
-    """A heartbeat says armed."""
+    """A heartbeat shows that the drone is armed."""
     return Goal(lambda view, since_s: since(view.armed, since_s) is True, Arm.limit_s)
 
 
@@ -181,7 +181,7 @@ def takeoff_goal(altitude_m: float) -> Goal:
 
 
 def goto_goal(point: Point) -> Goal:
-    """At the point, as near as MQTT-XT wants it."""
+    """At the point, within MQTT-XT's limits."""
 
     def reached(view: View, since_s: float) -> bool:
         place = since(view.place, since_s)
@@ -199,17 +199,17 @@ def land_goal() -> Goal:
 
 
 def return_goal() -> Goal:
-    """On the ground and disarmed; some autopilots change to their landing mode for the end of it."""
+    """On the ground and disarmed; some autopilots change to their landing mode at the end."""
     return Goal(_is_down, Return.limit_s, frozenset({FlightModeName.RETURN, FlightModeName.LAND}))
 
 
 def uploaded_goal() -> Goal:
-    """Nothing beyond the acknowledgement shows that a mission was uploaded."""
+    """Reached at once: only the acknowledgement shows that a mission was uploaded."""
     return Goal(lambda view, since_s: True, UploadPlan.limit_s)
 
 
 def survey_goal() -> Goal:
-    """On the ground and disarmed, behind the mission's own return."""
+    """On the ground and disarmed, after the mission's own return."""
     passing = {FlightModeName.TAKEOFF, FlightModeName.HOLD, FlightModeName.RETURN, FlightModeName.LAND}
     return Goal(_is_down, StartMission.limit_s, frozenset({FlightModeName.MISSION}), frozenset(passing))
 
@@ -220,15 +220,15 @@ def _is_down(view: View, since_s: float) -> bool:
 
 WINDOW_S = 4.0
 MOST_IN_WINDOW = 6
-"""Heartbeats of one vehicle: one a second, five at most, and one that was late."""
+"""The most heartbeats of one vehicle in a window: one per second, so at most five, and a late one."""
 
 
 class HeartbeatCount:
-    """Distinguishes two vehicles with one system id by their heartbeats, of which each sends one a second (MAVLink).
+    """Detects two vehicles with one system id by their heartbeats: each vehicle sends one per second (MAVLink).
 
-    MAVSDK does not say over which connection or from which address a message came. Two windows running must have too
-    many, so that a queue that empties is not taken for a vehicle. It cannot see a second vehicle of which half the
-    heartbeats are lost, nor one that appears later; a vehicle that is heard over two ways looks like two.
+    MAVSDK gives neither the connection nor the address of a message. Two consecutive windows must have too many, so
+    that a queue that empties is not taken for a vehicle. A second vehicle that loses half of its heartbeats, or appears
+    later, is not detected; a vehicle that is received over two ways looks like two.
     """
 
     def __init__(self) -> None:
@@ -242,7 +242,7 @@ class HeartbeatCount:
         return self._too_many >= 2
 
     def heard(self, at_s: float) -> None:
-        """Count a heartbeat, until it is clear whether it is one vehicle or two."""
+        """Count a heartbeat, until one vehicle or two are established."""
         if self.is_one or self.is_two:
             return
         if self._began_s is None:

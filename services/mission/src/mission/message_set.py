@@ -1,7 +1,7 @@
 """The message set: ten kinds of messages to and from one drone, COUNT of each, one kind after the other.
 
-A command's unit is one API call until the autopilot's acknowledgement is there; before each the drone is put into the
-kind's starting state. A state's is one value, at 1 Hz. What fails is counted, and the next one follows.
+For commands the unit is one API call, up to the autopilot's acknowledgement; before each call the drone is put into the
+kind's starting state. For states the unit is one value, at 1 Hz. Failures are counted, and the next unit follows.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from .side_channel import SideChannel
 
 HOVER_M = 10.0
 FOLLOW_LIMIT_S = 30.0
-"""How long to wait until the ground station has heard of a starting state; what is called then, is called anyhow."""
+"""How long to wait until the ground station knows of a starting state; afterwards the call is made in any case."""
 TURN_S, SPARE_S = 1.0, 3.0
-"""A value comes once in a turn; one that is so much later is missing."""
+"""The time between two values, and the delay after which a value counts as missing."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ COMMANDS = {
     "offboard": Start(armed=True, altitude_m=HOVER_M),
     "goto": Start(armed=True, altitude_m=HOVER_M),
 }
-"""The commands in their order, and in what state the drone gets each."""
+"""The commands in their order, with the drone's starting state for each."""
 STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 ON_GROUND, HOVERING = COMMANDS["arm"], COMMANDS["land"]
 
 
 @dataclass
 class Tally:
-    """How many of a kind did what they should, and why the others did not."""
+    """How many units of a kind succeeded, and why the others failed."""
 
     received: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
@@ -67,7 +67,7 @@ class MessageSet:
         self._count = count
 
     async def fly(self) -> None:
-        """All kinds; raises MissionError at the end, naming every kind of which nothing succeeded."""
+        """Fly all kinds. Raises MissionError at the end, naming every kind without a success."""
         tallies = {name: await self._calls(name) for name in COMMANDS}
         await self._reset(HOVERING)
         await self._fleet.stop_fixed_rates()
@@ -78,7 +78,7 @@ class MessageSet:
             raise MissionError("; ".join(silent))
 
     async def _calls(self, name: str) -> Tally:
-        """COUNT calls of a command."""
+        """Make COUNT calls of a command."""
         self._began(name, "command")
         tally = Tally()
         for number in range(1, self._count + 1):
@@ -96,7 +96,7 @@ class MessageSet:
         return tally
 
     async def _values(self, name: str) -> Tally:
-        """COUNT values of a state, which comes at 1 Hz meanwhile."""
+        """Receive COUNT values of a state, which is published at 1 Hz meanwhile."""
         tally = Tally()
         try:
             values = await self._fleet.request_state(name)
@@ -124,7 +124,7 @@ class MessageSet:
         return tally
 
     async def _align(self, values: asyncio.Queue[Told]) -> None:
-        """Wait for a value, if one comes: a kind begins right after it, so that COUNT turns are within it."""
+        """Wait for a value, if one arrives: a kind begins right after it, so that it has COUNT whole turns."""
         while not values.empty():
             values.get_nowait()
         with contextlib.suppress(TimeoutError):
@@ -132,7 +132,7 @@ class MessageSet:
                 await values.get()
 
     async def _next(self, values: asyncio.Queue[Told], taken_s: float) -> Told:
-        """The next value that comes; of a state that comes faster, the newest once per second."""
+        """The next value to arrive; of a state at a higher rate, the newest once per second."""
         async with asyncio.timeout_at(taken_s + TURN_S + SPARE_S):
             if self._fleet.tells_faster:
                 await asyncio.sleep(taken_s + TURN_S - asyncio.get_running_loop().time())
@@ -142,10 +142,10 @@ class MessageSet:
             return told
 
     async def _reset(self, start: Start) -> bool:
-        """Put the drone into a starting state; returns whether the ground station has heard of it.
+        """Put the drone into a starting state; returns whether the ground station knows of it.
 
-        It is disarmed on the way: so what the last call began is over, and ends with its last word. Then once more,
-        for a late copy of that call may have armed it again.
+        It is first disarmed, which ends the last call, with its last word. It is then disarmed again, because a late
+        copy of that call may have armed it.
         """
         await self._channel.set(armed=False)
         settled = await self._fleet.settle()
@@ -157,7 +157,7 @@ class MessageSet:
         return followed and settled
 
     async def _shown(self, name: str) -> None:
-        """An armed drone shows that in its next heartbeat, up to a second later: put back before, it never does."""
+        """Wait until a drone shows that it is armed, by its next heartbeat: a reset before that would hide it."""
         if name == "arm":
             await self._follow(armed=True)
 

@@ -1,7 +1,7 @@
-"""The fleet over MQTT-XT: a broadcast for each fog where all its drones get the same command.
+"""The fleet over MQTT-XT: a command for all drones is one broadcast per fog.
 
-How the states come: `on-change` as the protocol's policies have it; `fixed`, the five states at 1 Hz, topic by topic;
-`bundle`, the same in one message a fog. What a mission needs beyond those comes on change in each.
+States are published `on-change`, by the protocol's policies; `fixed`: the five states at 1 Hz, each on its topic; or
+`bundle`: the same in one message per fog. Other states that a mission needs are always published on change.
 """
 
 from __future__ import annotations
@@ -41,24 +41,24 @@ from .events import EventLog
 from .fleet import MissionError, Point, Reading, Result, Status, Survey
 
 TTL_S = 30.0
-"""Within which a command must start: no step of a mission is urgent, and over a satellite's link that loses packets it
-may take ten seconds and more."""
+"""The time within which a command must start: no step of a mission is urgent, and over a lossy satellite link a command
+may need ten seconds and more."""
 LAST_WORD_S = 15.0
-"""Behind deadline and limit: a station's library closes a command after 10 s (R5.9), and some time to tell it."""
+"""Time after deadline and limit: a station's library closes a command after 10 s (R5.9); the rest is for its word."""
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
 NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
 NAV_WAYPOINT, NAV_RETURN, NAV_TAKEOFF = 16, 20, 22
 FRAME_MISSION, FRAME_RELATIVE = 2, 3
-"""MAV_CMDs and MAV_FRAMEs: without a place, and above home."""
+"""MAV_CMDs, and MAV_FRAMEs: without a position, and relative to home."""
 logger = logging.getLogger("mission")
 
 
 class MqttxtFleet:
-    """Drones of one or more fogs behind a cloud broker. `fogs` maps each fog to its drones.
+    """Drones of one or more fogs at a cloud broker. `fogs` maps each fog to its drones.
 
     `states` is `on-change`, `fixed` or `bundle`. Without an `identity` nothing is encrypted.
-    Raises mqttxt.ConfigurationError for a setting that cannot work.
+    Raises mqttxt.ConfigurationError for an invalid setting.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class MqttxtFleet:
         return tuple(drone for drones in self._wanted.values() for drone in drones)
 
     async def connect(self, limit_s: float) -> None:
-        """Register at every fog, and wait for every drone and its states; raises MissionError."""
+        """Register at every fog, and wait for every drone and its states. Raises MissionError, also at `limit_s`."""
         try:
             await self._stack.enter_async_context(self._station)
             self._listening = asyncio.create_task(self._listen())
@@ -109,7 +109,7 @@ class MqttxtFleet:
             raise MissionError(f"connect: within {limit_s:g} s not there: {'; '.join(self._missing())}") from None
 
     async def close(self) -> None:
-        """Leave the broker; why the station ended is the mission's to report, and only logged here."""
+        """Disconnect from the broker. An error of the station is only logged: the mission reports it."""
         if self._listening is not None:
             self._listening.cancel()
         try:
@@ -118,7 +118,7 @@ class MqttxtFleet:
             logger.warning("the ground station ended: %s", error)
 
     def within(self, limit_s: float) -> float:
-        """The limit of a command counts from its start, which the deadline bounds."""
+        """The limit counts from a command's start, which the deadline bounds."""
         self._limit_s = limit_s
         return TTL_S + limit_s + LAST_WORD_S
 
@@ -132,12 +132,12 @@ class MqttxtFleet:
         return await self._broadcast(Land())
 
     async def goto(self, points: Mapping[int, Point]) -> list[Result]:
-        """No broadcast: each drone has a command of its own; all leave at once."""
+        """Send each drone a command of its own, all at once."""
         asked = [self._to_drone(drone, as_goto(point)) for drone, point in points.items()]
         return await self._all("goto", asked)
 
     async def goto_best(self, point: Point) -> Result:
-        """Each fog says in what time its drones would arrive; the lists are in the events as `psmi`."""
+        """Send the drone that arrives first, by the fogs' lists of arrival times, which are logged as `psmi` events."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=Goto.name, fog=None, drone=None)
         try:
@@ -159,12 +159,12 @@ class MqttxtFleet:
         return await self._broadcast(Return())
 
     async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
-        """All drones at once; completed when what each autopilot gave back is its survey."""
+        """Upload to all drones at once; completed when the plan read back from each autopilot is its survey."""
         self._plans = {drone: plan_of(survey) for drone, survey in surveys.items()}
         return await self._all("upload", [self._upload(drone, plan) for drone, plan in self._plans.items()])
 
     async def fly_survey(self) -> list[Result]:
-        """All leave at once."""
+        """Start all surveys at once."""
         asked = [self._to_drone(drone, StartMission(plan.mission_hash)) for drone, plan in self._plans.items()]
         return await self._all("survey", asked)
 
@@ -183,7 +183,7 @@ class MqttxtFleet:
         )
 
     async def changed(self) -> None:
-        """Return when something was heard since the last call; raises MissionError when the broker refuses."""
+        """Return when a message arrived since the last call. Raises MissionError if the broker refuses."""
         self._heard.clear()
         if self._lost is None:
             await self._heard.wait()
@@ -201,7 +201,7 @@ class MqttxtFleet:
         return [result for part in parts for result in part]
 
     async def _stream(self, fog: Fog, name: str) -> None:
-        """Ask for a state at its fixed rate; part of setting up, so no call of the mission."""
+        """Request a state at its fixed rate, as set-up: it is not logged as a call of the mission."""
         answers = {outcome.drone: outcome for outcome in await fog.broadcast(Stream(name, FIVE_STATES_HZ))}
         wanted = self._wanted[fog.number]
         for drone in wanted:
@@ -219,7 +219,7 @@ class MqttxtFleet:
         return await self._follow(fog, drone, command, fog.drone(drone).send)
 
     async def _upload(self, drone: int, plan: Plan) -> list[Result]:
-        """A plan from its first piece to the drone's last word."""
+        """Upload a plan, and wait for the drone's last word."""
         call, fog = self._log.next_call(), self._fog_of(drone)
         self._log.write("command", call=call, command=UploadPlan.name, fog=fog.number, drone=drone)
         outcome = await fog.drone(drone).upload(plan)
@@ -229,7 +229,7 @@ class MqttxtFleet:
     async def _follow(
         self, fog: Fog, drone: int | None, command: Command, send: Callable[..., AsyncIterable[Outcome]]
     ) -> list[Result]:
-        """A call and its words; `drone` None for all of the fog, as is a last word's about the fog as a whole."""
+        """Make a call and log its words. `drone` None means all of the fog; a last word without a drone is for all."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
         wanted, results = self._wanted[fog.number], dict[int, Result]()
@@ -261,7 +261,7 @@ class MqttxtFleet:
         self._heard.set()
 
     def _missing(self) -> list[str]:
-        """What is not there yet of the mission's drones."""
+        """The reasons why drones are not ready, empty when they are."""
         found = []
         for number, drones in self._wanted.items():
             for drone in drones:
@@ -282,7 +282,7 @@ def as_goto(point: Point) -> Goto:
 
 
 def plan_of(survey: Survey) -> Plan:
-    """The plan whose mission is a survey."""
+    """The plan with a survey as its mission."""
     first, *_ = survey.points
     there = [(NAV_TAKEOFF, first), *((NAV_WAYPOINT, point) for point in survey.points)]
     items = [_item(command, point) for command, point in there]
@@ -291,13 +291,13 @@ def plan_of(survey: Survey) -> Plan:
 
 
 def _item(command: int, point: Point) -> PlanItem:
-    """An item at a point, above home; its heading is not set."""
+    """An item at a point above home; its heading is not set."""
     place = (round(point.latitude_deg * 1e7), round(point.longitude_deg * 1e7), point.altitude_m)
     return PlanItem(FRAME_RELATIVE, command, (0.0, 0.0, 0.0, None), *place, True)
 
 
 def plain(value: object) -> object:
-    """A field of a state as the events have it: an enumeration by its label, bytes in hexadecimal."""
+    """A field of a state in the form of the events: an enumeration as its label, bytes in hexadecimal."""
     if isinstance(value, bytes):
         return value.hex()
     label = getattr(value, "label", None)

@@ -15,16 +15,16 @@ from .mqttxt_fleet import FIVE_STATES, FIVE_STATES_HZ, MqttxtFleet, as_goto, pla
 from .points import points_of
 
 FIRST_WORD_LIMIT_S = 15.0
-"""A command's deadline, 5 s, and what an outage adds to it: after that nothing is to be heard of the call."""
+"""A command's deadline, 5 s, and the time that an outage may add: afterwards no first word is expected."""
 LAST_WORD_LIMIT_S = 10.0
 STREAM_TRIES = 3
 OFFBOARD_S = 60.0
-"""Longer than any call; putting the drone back ends it."""
+"""Longer than any call; resetting the drone ends the flight."""
 logger = logging.getLogger("mission")
 
 
 class MqttxtMessageFleet(MqttxtFleet):
-    """One drone of one fog."""
+    """One drone of one fog, for the message set."""
 
     tells_faster = False
 
@@ -63,7 +63,7 @@ class MqttxtMessageFleet(MqttxtFleet):
         return first.result()
 
     async def settle(self) -> bool:
-        """A drone that is disarmed meanwhile ends what it does; its last word says so."""
+        """Wait for the last word of the last call, which ends because the drone was disarmed."""
         following, self._following = self._following, None
         if following is None:
             return True
@@ -73,7 +73,7 @@ class MqttxtMessageFleet(MqttxtFleet):
         return in_time
 
     def follows(self, armed: bool) -> bool:
-        """The UAV client, which is beside its autopilot, judges by what comes after an acknowledgement."""
+        """Only `armed` counts: the UAV client judges effects by messages after the acknowledgement, on the drone."""
         known = self._drone().state(Armed)
         return known is not None and known.state.armed == armed
 
@@ -110,7 +110,7 @@ class MqttxtMessageFleet(MqttxtFleet):
         return self._fog_of(self._number).drone(self._number)
 
     async def _follow_call(self, call: int, name: str, command: Command, first: asyncio.Future[Result]) -> None:
-        """Send a command and write its words down up to the last; its first one is `first`."""
+        """Send a command and log its words up to the last; the first one is the result of `first`."""
         try:
             async for outcome in self._drone().send(command):
                 self._note(call, outcome)
@@ -122,7 +122,7 @@ class MqttxtMessageFleet(MqttxtFleet):
             first.set_result(self._own_word(call, name, Word.UNREACHABLE, "not_sent"))
 
     def _own_word(self, call: int, name: str, word: Word, reason: str) -> Result:
-        """The ground station's own word about a call that got none."""
+        """The ground station's own word about a call that got no word."""
         fog = self._fog_of(self._number).number
         self._log.outcome(call, name, fog, self._number, word, reason)
         return Result(self._number, word.label, reason)
@@ -134,7 +134,7 @@ class MqttxtMessageFleet(MqttxtFleet):
                 told.put_nowait(Told(value, event.age_ms))
 
     async def _ask_rate(self, name: str, rate_hz: float) -> None:
-        """Ask for a state at a rate, in three tries; raises MissionError where it is refused or not done."""
+        """Request a state at a rate, in up to three tries. Raises MissionError if it is refused or not completed."""
         said = ""
         try:
             for _ in range(STREAM_TRIES):
@@ -150,7 +150,7 @@ class MqttxtMessageFleet(MqttxtFleet):
 
 
 async def _end(task: asyncio.Task[None] | None) -> None:
-    """Cancel a task; raises what it failed with, MissionError where the ground station did."""
+    """Cancel a task. Raises its error, if it failed; one of the ground station's as MissionError."""
     if task is not None:
         task.cancel()
         await asyncio.wait({task})

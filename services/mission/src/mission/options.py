@@ -1,4 +1,4 @@
-"""A mission's options at its start, checked: one line names the option, its value and what was expected."""
+"""A mission's options, checked at its start: an error is one line with the option, its value and the expectation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _URL = re.compile(r"(udpin|udpout|tcpin|tcpout)://[^/\s:]+:\d{1,5}|serial:///\S+
 
 @dataclass(frozen=True)
 class Options:
-    """How to fly: `fleet` has each fog's drones, `urls` are MAVSDK's connections, in the order of the drones."""
+    """A mission's options: `fleet` has each fog's drones; `urls` are MAVSDK's connections, in the order of drones."""
 
     scenario: str
     protocol: str
@@ -43,7 +43,7 @@ class Options:
     gateway: bool = False
 
     def check(self, scenarios: tuple[str, ...], with_sensors: tuple[str, ...]) -> None:
-        """Raises ValueError naming what cannot be flown."""
+        """Raises ValueError naming the option that does not fit."""
         _one_of("scenario", self.scenario, scenarios)
         _one_of("--protocol", self.protocol, PROTOCOLS)
         _one_of("--qos", self.qos, QOS)
@@ -86,7 +86,7 @@ class Options:
 
 
 def parse_fleet(text: str) -> dict[int, tuple[int, ...]]:
-    """`1:1,2,3;2:4,5,6` as fogs and their drones, each named once; raises ValueError."""
+    """Parse `1:1,2,3;2:4,5,6` into fogs and their drones, each named once. Raises ValueError."""
     try:
         pairs = [part.split(":") for part in text.split(";")]
         found = [(int(fog), tuple(int(drone) for drone in drones.split(","))) for fog, drones in pairs]
@@ -99,7 +99,7 @@ def parse_fleet(text: str) -> dict[int, tuple[int, ...]]:
 
 
 def parse_urls(text: str) -> tuple[str, ...]:
-    """MAVSDK's connections from a list with commas; raises ValueError naming the one that is none."""
+    """Parse MAVSDK's connections from a list with commas. Raises ValueError naming an invalid one."""
     urls = tuple(part.strip() for part in text.split(","))
     for url in urls:
         if not _URL.fullmatch(url):
@@ -108,7 +108,7 @@ def parse_urls(text: str) -> tuple[str, ...]:
 
 
 def _check_makeable(option: str, path: Path) -> None:
-    """Raises ValueError for a file that is there already or whose folder cannot be written."""
+    """Raises ValueError for a file that exists, or whose folder cannot be written."""
     if path.exists():
         raise ValueError(f"{option} {path}: expected a file that is not there yet")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):

@@ -1,4 +1,4 @@
-"""A mission of one's own: a Python file with `async def mission(fleet, steps)`."""
+"""A user's own mission: a Python file with `async def mission(fleet, steps)`."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ SUFFIX = ".py"
 
 
 def mission_of(name: str) -> Mission:
-    """A scenario by its name, or what a file has; raises ValueError for a file that has no mission."""
+    """The scenario of that name, or the mission in a file. Raises ValueError for a file without a mission."""
     return load(Path(name)) if name.endswith(SUFFIX) else SCENARIOS[name]
 
 
 def load(path: Path) -> Mission:
-    """The mission of a file, which is run for it.
+    """Run a file and return its mission. Raises ValueError if it has none or raises.
 
-    What the file raises, then or in flight, is named with its line, and its traceback goes to stderr.
+    Its errors, now or in flight, are named with their line; their tracebacks go to stderr.
     """
     own: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     try:
@@ -57,9 +57,9 @@ def load(path: Path) -> Mission:
 
 
 def _said(path: Path, error: BaseException) -> str:
-    """What was raised, and the last line of the file that led there; the whole of it is left on stderr.
+    """Describe an error by its text and the last line of the file in its traceback, which is printed on stderr.
 
-    Of several that were raised together it is the first.
+    Of an exception group the first error is described.
     """
     traceback.print_exception(error, file=sys.stderr)
     while isinstance(error, BaseExceptionGroup):

@@ -1,4 +1,4 @@
-"""Each UAV's own point, where scenarios 2 and 4 send it: read from the fleet's file."""
+"""Each UAV's own point, to which scenarios 2 and 4 send it, from the fleet's file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import yaml
 from .fleet import Point
 
 FLEET_FILE = Path(__file__).parents[3] / "fleet.yaml"
-"""The experiments' fleet; the environment's FLEET_FILE names another."""
+"""The experiments' fleet; the environment variable FLEET_FILE names another."""
 
 
 @cache
@@ -24,7 +24,7 @@ def all_points() -> dict[int, Point]:
 
 
 def points_of(drones: Iterable[int]) -> dict[int, Point]:
-    """The points of these drones; raises ValueError for one that has none."""
+    """The points of these drones. Raises ValueError for a drone without one."""
     known = all_points()
     for drone in drones:
         if drone not in known:

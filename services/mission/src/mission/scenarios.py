@@ -21,7 +21,7 @@ async def scenario_1(fleet: Fleet, steps: Steps) -> None:
 
 
 async def scenario_2(fleet: Fleet, steps: Steps) -> None:
-    """Arm, take off to 10 m, each to its own point, return to where it took off and land there, all disarmed."""
+    """Arm, take off to 10 m, fly each drone to its own point, return to the takeoff points, land, all disarmed."""
     await _up(fleet, steps)
     await _out(fleet, steps)
     await _back(fleet, steps)
@@ -34,7 +34,7 @@ async def scenario_3(fleet: Fleet, steps: Steps) -> None:
 
 
 async def scenario_4(fleet: Fleet, steps: Steps) -> None:
-    """As scenario 2; at its point each waits until all that its sensor measures has arrived at the ground station."""
+    """Scenario 2, but at its point each drone waits until all its sensor's values are at the ground station."""
     await _up(fleet, steps)
     await _out(fleet, steps)
     await steps.collect()
@@ -42,7 +42,7 @@ async def scenario_4(fleet: Fleet, steps: Steps) -> None:
 
 
 async def scenario_5(fleet: Fleet, steps: Steps) -> None:
-    """Upload a survey of 100 items to each, arm, fly it, return to where it took off and land there, all disarmed."""
+    """Upload a survey of 100 items to each drone, arm, fly it, return to the takeoff points, land, all disarmed."""
     surveys = surveys_of(fleet.drones)
     await steps.command("upload", lambda: fleet.upload(surveys), limit_s=300)
     await steps.command("arm", fleet.arm, limit_s=30)
@@ -81,8 +81,8 @@ SCENARIOS: dict[str, Callable[[Fleet, Steps], Awaitable[None]]] = {
     "scenario-4": scenario_4,
     "scenario-5": scenario_5,
 }
-"""Every scenario by the name that people type."""
+"""Every scenario by its name on the command line."""
 WITH_POINTS = ("scenario-2", "scenario-4", "scenario-5")
-"""Those that send each drone to a point of its own."""
+"""The scenarios that send each drone to a point of its own."""
 WITH_SENSORS = ("scenario-4",)
-"""Those that collect what sensors measure."""
+"""The scenarios that collect sensors' readings."""

@@ -1,4 +1,4 @@
-"""The series that sensors measured and drones carried: what arrived, held to what each sensor wrote down itself."""
+"""The series that sensors measured and drones carried: the arrived values, checked against each sensor's own record."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .fleet import Reading
 
 VERSION = 1
 KINDS = tuple(UNITS)
-"""A series of each of these comes from each drone's sensor."""
+"""The kinds of series; each drone's sensor measures one of each."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """One kind of value of one sensor, brought by its drone.
+    """One kind of value of one sensor, carried by its drone.
 
-    samples    how many values it was to have
-    measured   how many the sensor wrote down
-    delivered  how many of those arrived with the value, the unit and the time that were measured
-    wrong      values that arrived otherwise, or that the sensor knows nothing of
+    samples    how many values are expected
+    measured   how many the sensor recorded
+    delivered  how many of those arrived with the recorded value, unit and time
+    wrong      values that arrived with differences, or without a record of the sensor
     """
 
     drone: int
@@ -42,7 +42,7 @@ class Series:
         return self.measured == self.delivered == self.samples and self.wrong == 0
 
     def to_data(self) -> dict[str, Any]:
-        """As series.json has it."""
+        """The series as in series.json."""
         return asdict(self) | {"whole": self.is_whole}
 
     def __str__(self) -> str:
@@ -51,7 +51,7 @@ class Series:
 
 
 def read_measured(folder: Path, drones: Iterable[int]) -> Iterator[Reading]:
-    """What the drones' sensors wrote down, in sensorY.jsonl; nothing of one that wrote nothing."""
+    """The readings that the drones' sensors recorded in sensorY.jsonl; none for a sensor without a file."""
     for drone in drones:
         path = folder / f"sensor{drone}.jsonl"
         for line in path.read_text(encoding="ascii").splitlines() if path.exists() else ():
@@ -61,14 +61,14 @@ def read_measured(folder: Path, drones: Iterable[int]) -> Iterator[Reading]:
 
 
 def has_measured(folder: Path, drone: int) -> bool:
-    """Whether a drone's sensor wrote anything down: it begins when its drone first reaches it."""
+    """Whether a drone's sensor recorded any reading: it begins when its drone first reaches it."""
     return any(True for _ in read_measured(folder, (drone,)))
 
 
 def compare(
     drones: Iterable[int], measured: Iterable[Reading], arrived: Iterable[Reading], samples: int
 ) -> tuple[Series, ...]:
-    """Every series of the drones, whether anything of it arrived or not. A drone's sensor has its number."""
+    """Every series of the drones, even if none of its values arrived. A drone's sensor has the drone's number."""
     by_sensor, by_station = set(measured), set(arrived)
     written, right = Counter(map(_key, by_sensor)), Counter(map(_key, by_sensor & by_station))
     wrong = Counter(map(_key, by_station - by_sensor))
@@ -77,7 +77,7 @@ def compare(
 
 
 def write(series: Iterable[Series], path: Path) -> None:
-    """series.json: each series, and whether it is whole."""
+    """Write series.json: each series, and whether it is whole."""
     rows = [one.to_data() for one in series]
     path.write_text(json.dumps({"version": VERSION, "series": rows}, indent=1) + "\n", encoding="ascii")
 

@@ -1,4 +1,4 @@
-"""The autopilot's control socket: how the message set puts the drone into a starting state, past all links."""
+"""The autopilot's control socket, by which the message set puts the drone into a starting state without any link."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any, Self
 from .fleet import MissionError
 
 ANSWER_LIMIT_S = 400.0
-"""A stand-in answers at once; a real autopilot is flown down, and up again."""
+"""A stand-in answers at once; a real autopilot first has to land, and to take off again."""
 
 
 class SideChannel:
-    """One drone's control socket; an async context manager. Raises MissionError where nobody answers there."""
+    """One drone's control socket, an async context manager. Raises MissionError if it does not answer."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -32,7 +32,7 @@ class SideChannel:
             self._streams[1].close()
 
     async def set(self, **wanted: Any) -> dict[str, Any]:
-        """Set what the side channel knows; returns the drone's true state after it."""
+        """Set fields of the drone's state; returns its true state afterwards. Raises MissionError."""
         assert self._streams is not None
         reader, writer = self._streams
         try:

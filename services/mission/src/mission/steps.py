@@ -1,4 +1,4 @@
-"""Steps of a mission: each waits for what it asked for, has a limit, and fails with a reason."""
+"""Steps of a mission: each waits for its effect, has a limit, and fails with a reason."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .series import KINDS
 PROGRESS_S = 1.0
 SAMPLES = 30
 COLLECT_SPARE_S = 60.0
-"""For a drone to reach a sensor and for its last values to arrive."""
+"""The time for a drone to reach its sensor, and for the last values to arrive."""
 
 
 class Steps:
     """The steps of one mission on one fleet.
 
-    `samples` are the values of each series that it collects, one per second; `was_reached`: of a drone whether its
-    sensor, which has its number, has measured anything.
+    `samples` is the number of values in each series that it collects, one per second; `was_reached` returns whether a
+    drone's sensor, which has the drone's number, has measured anything.
     """
 
     def __init__(
@@ -33,9 +33,9 @@ class Steps:
         self._was_reached = was_reached
 
     async def command(self, name: str, ask: Callable[[], Awaitable[list[Result]]], limit_s: float) -> None:
-        """A command to all drones; raises MissionError unless each completes it.
+        """Command all drones. Raises MissionError unless each completes it.
 
-        Where a protocol tells later than `limit_s` what became of it, that is waited for.
+        The step lasts longer than `limit_s` if the protocol may give last words later.
         """
         async with self._step(name, self._fleet.within(limit_s)):
             results = await ask()
@@ -46,7 +46,7 @@ class Steps:
                 raise MissionError(f"{name}: {'; '.join(failed)}")
 
     async def goto_best(self, point: Point, limit_s: float) -> int:
-        """Send the drone that arrives first; returns which it was. Raises MissionError unless it arrives."""
+        """Send the drone that arrives first, and return its number. Raises MissionError unless it arrives."""
         async with self._step("goto", limit_s):
             result = await self._fleet.goto_best(point)
             if not result.completed:
@@ -54,7 +54,7 @@ class Steps:
         return result.drone
 
     async def hold(self, seconds: float) -> None:
-        """Stay where they are; raises MissionError when a drone does not."""
+        """Wait while all drones stay armed. Raises MissionError if one is disarmed."""
         async with self._step("hold", seconds + 5):
             until = asyncio.get_running_loop().time() + seconds
             while (left_s := until - asyncio.get_running_loop().time()) > 0:
@@ -66,13 +66,13 @@ class Steps:
                         await self._fleet.changed()
 
     async def until(self, name: str, condition: Callable[[int], bool], limit_s: float) -> None:
-        """Wait until every drone shows a condition; raises MissionError naming those that do not."""
+        """Wait until every drone fulfils a condition. Raises MissionError with the drones' states at the limit."""
         async with self._step(name, limit_s):
             while not all(condition(drone) for drone in self._fleet.drones):
                 await self._fleet.changed()
 
     async def collect(self) -> None:
-        """Wait until every series of every drone's sensor has arrived; raises MissionError naming what has not."""
+        """Wait until every series of every drone's sensor has arrived. Raises MissionError naming the missing ones."""
         async with self._step("collect", self._samples + COLLECT_SPARE_S, self._uncollected):
             while self._uncollected():
                 before = len(self._fleet.readings)
@@ -80,7 +80,7 @@ class Steps:
                     await self._fleet.changed()
 
     def _uncollected(self) -> str:
-        """What has not arrived yet, empty when all has."""
+        """The values that have not arrived yet; empty when all have."""
         arrived = Counter((reading.drone, reading.kind) for reading in self._fleet.readings)
         said = []
         for drone in self._fleet.drones:
@@ -98,7 +98,7 @@ class Steps:
 
     @contextlib.asynccontextmanager
     async def _step(self, name: str, limit_s: float, describe: Callable[[], str] | None = None) -> AsyncIterator[None]:
-        """A step with its limit; `describe` says how things are when it is not done by then."""
+        """A step with its limit; `describe` gives the situation if the step is not done by then."""
         self._log.write("step", name=name, limit_s=limit_s)
         showing = asyncio.create_task(self._show(name))
         try:

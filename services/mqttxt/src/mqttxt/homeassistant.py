@@ -22,7 +22,7 @@ logger = logging.getLogger("mqttxt")
 
 LINK = "Home Assistant"
 INTERVAL_S = 1.0
-"""How often what has changed is published, at most."""
+"""Shortest time between two publications of changes."""
 ONLINE, OFFLINE = "online", "offline"
 NOBODY = "nobody"
 _UNITS = {
@@ -36,26 +36,26 @@ _UNITS = {
 }
 """Unit and Home Assistant's device class by the end of a field's name; of `_m` and `_s` the longer one comes first."""
 _KINDS = {"degC": ("°C", "temperature"), "%": ("%", None), "lx": ("lx", "illuminance")}
-"""The same of a reading, by its unit."""
+"""The same for a reading, by its unit."""
 _LEFT_OUT = {AutopilotText.name, "home", "airframe"}
 _PLACE = {"latitude_deg", "longitude_deg"}
 
 
 class Entities:
-    """What Home Assistant is to know of some fogs: retained messages, by topic.
+    """The drones and sensors of some fogs as Home Assistant's entities: retained messages, by topic.
 
-    `discovery` is the prefix that Home Assistant listens to. Drones are unique in a fleet, and so are their devices;
-    among several fleets their names begin with that of their fleet.
+    `discovery` is the topic prefix to which Home Assistant subscribes. Drones are unique in a fleet, and so are their
+    devices; with several fleets the devices' names begin with the fleet's.
     """
 
     def __init__(self, fogs: Sequence[Fog], discovery: str = "homeassistant") -> None:
         self._fogs = fogs
         self._discovery = discovery
         self.status = f"mqttxt/fogs-{'-'.join(f'{_root_of(fog.fleet)}{fog.number}' for fog in fogs)}/status"
-        """Where it is said whether this program runs."""
+        """The topic that shows whether this program runs."""
 
     def messages(self) -> Iterator[tuple[str, str]]:
-        """What is known now: topics and payloads."""
+        """The messages for everything known now: topics and payloads."""
         for fog in self._fogs:
             for drone in fog.drones:
                 yield from self._of_drone(fog, drone)
@@ -95,7 +95,7 @@ class Entities:
         is_always: bool = False,
         has_value: bool = True,
     ) -> tuple[str, str]:
-        """An entity's discovery message. `is_always`: it is available whether or not the drone is reachable."""
+        """An entity's discovery message: topic and payload. `is_always`: available even if the drone is unreachable."""
         name = f"mqttxt_{node}_{key}"
         available = [self.status] if is_always else [self.status, f"{self._root(node)}/available"]
         common: dict[str, Any] = {
@@ -113,20 +113,20 @@ class Entities:
 
 
 def _name(key: str) -> str:
-    """An entity's name: Home Assistant shows the unit beside the value."""
+    """An entity's name, without the unit, which Home Assistant shows next to the value."""
     unit = next((end for end in _UNITS if key.endswith(end)), "")
     return key.removesuffix(unit).replace("_", " ").capitalize()
 
 
 def _root_of(fleet: str) -> str:
-    """What leads the names of a fleet's devices: letters, digits and `-`, other ones for each fleet; empty for none."""
+    """The prefix of a fleet's devices, unique to it: letters, digits, `-` and a final `_`; empty without a fleet."""
     return "".join(c if c.isalnum() else f"-{ord(c):x}-" for c in fleet) + "_" if fleet else ""
 
 
 def _of_state(name: str, state: object) -> Iterator[tuple[str, str, dict[str, Any], Any]]:
-    """The entities of a state: component, key, configuration and value; a place's own are attributes.
+    """The entities of a state: component, key, configuration and value; a location's are its tracker's attributes too.
 
-    What is not known has a value nevertheless, None: without one Home Assistant keeps the last that it had.
+    An unknown figure has the value None: without a value Home Assistant would keep the last one.
     """
     for field, alone in fields_of(name).items():
         value = getattr(state, field)
@@ -157,7 +157,7 @@ def _of_reading(reading: SensorReading) -> dict[str, Any]:
 
 
 class HomeAssistant:
-    """Publishes `entities` at Home Assistant's broker, and says when it ends, however it does."""
+    """Publishes `entities` at Home Assistant's broker, and `offline` when it ends, in whatever way."""
 
     def __init__(self, address: BrokerAddress, entities: Entities) -> None:
         self._entities = entities
@@ -166,7 +166,7 @@ class HomeAssistant:
         self._link = MqttLink(LINK, address, f"mqttxt-homeassistant-{secrets.token_hex(4)}", self._will, self)
 
     async def run(self) -> None:
-        """Until cancelled; raises BrokerRefused."""
+        """Publish until cancelled; raises BrokerRefused."""
         link = asyncio.create_task(self._link.run())
         try:
             while not link.done():
@@ -208,7 +208,7 @@ class HomeAssistant:
         """Nothing is subscribed to."""
 
     def published(self, link: str, ref: Hashable, code: int) -> None:
-        """Nothing waits for it."""
+        """No PUBACK is awaited."""
 
     def count(self, kind: str, detail: str) -> None:
         logger.warning("%s: %s", kind, detail)

@@ -1,4 +1,4 @@
-"""What a ground station knows, as Prometheus metrics (docs/metrics.md)."""
+"""A ground station's view of its fogs, as Prometheus metrics (docs/metrics.md)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .station.views import Drone, Fog
 
 Answering = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
 SNAPSHOT_S = 5.0
-"""How long a scrape waits for the event loop."""
+"""How long a scrape waits for the event loop, s."""
 _WORDS = {
     "mqttxt_fog_live": "Whether the fog's activator is there.",
     "mqttxt_drone_reachable": "Whether the drone is reachable.",
@@ -49,14 +49,14 @@ class Families:
 
 
 class FleetCollector(Collector):
-    """Collects from fogs; scrapes come in a thread of their own, and wait for the stations' loop."""
+    """Collects metrics from fogs; scrapes arrive in a thread of their own, and wait for the stations' event loop."""
 
     def __init__(self, fogs: Sequence[Fog], loop: asyncio.AbstractEventLoop) -> None:
         self._fogs = fogs
         self._loop = loop
 
     def describe(self) -> Iterable[Metric]:
-        """Nothing beforehand: which states there are is known when they are scraped."""
+        """Nothing: the metrics are known only at a scrape, because they depend on the states."""
         return []
 
     def collect(self) -> Iterable[Metric]:
@@ -88,7 +88,7 @@ def _add_fog(families: Families, fog: Fog) -> None:
 
 
 def _add_states(families: Families, drone: Drone, labels: dict[str, str]) -> None:
-    """What is not known, and what a drone that is gone said, has no sample: a chart shows a gap."""
+    """Add a drone's states; an unknown figure has no sample, so that a chart shows a gap."""
     for name, known in drone.states.items():
         if name not in STATES or name == AutopilotText.name:
             continue
@@ -115,7 +115,7 @@ def serve(fogs: Sequence[Fog], host: str, port: int) -> None:
 
 
 def _for_this_machine(app: Answering) -> Answering:
-    """What answers at loopback: a name that somebody made to lead here (DNS rebinding) is not answered."""
+    """Wrap an app at loopback so that it answers only requests for this machine's names, against DNS rebinding."""
 
     def answering(environ: dict[str, Any], start_response: Callable[..., Any]) -> Iterable[bytes]:
         name = re.sub(r":[0-9]*$", "", environ.get("HTTP_HOST", "")).strip("[]")

@@ -17,7 +17,7 @@ from .sealed import STATION, Folder
 from .subject import Subject
 from .tap import Tap, clear_retained
 
-# Their import enters their rules, in this order.
+# Importing these modules registers their rules, in this order.
 from . import activator_gate, activator_presence, activator_commands, activator_control, activator_two_brokers  # isort: skip
 
 ENDING = (
@@ -25,7 +25,7 @@ ENDING = (
     activator_presence.a_second_one_refuses_to_start,
     activator_presence.a_clean_stop_says_down,
 )
-"""Rules that end the implementation; they come last."""
+"""Rules that end the implementation; they are checked last."""
 
 
 def rules() -> list[Rule]:
@@ -40,7 +40,7 @@ async def check_activator(
     target: ActivatorTarget,
     on_finding: Callable[[Finding], None],
 ) -> list[Finding]:
-    """Check an activator; raises ConfigurationError for what cannot be tested as it was asked."""
+    """Check an activator; raises ConfigurationError for an unreachable broker, a bad `run` or a missing identity."""
     if target.folder is not None:
         return await _check_signed(cloud_broker, fog_broker, target, target.folder, on_finding)
     topics, fog_side = CloudSide(target.fog, target.prefix), FogSide(target.fog_root)
@@ -96,7 +96,7 @@ async def _check_signed(
     folder: Folder,
     on_finding: Callable[[Finding], None],
 ) -> list[Finding]:
-    """The rules of section 12: each part of the kit has the connection that its identity gives it."""
+    """Check the rules of section 12; each part of the kit has a connection with its own identity."""
     topics, fog_side, clock = CloudSide(target.fog, target.prefix), FogSide(target.fog_root), SessionClock()
     values = {"broker": str(cloud_broker), "fog_broker": str(fog_broker), "fog": str(target.fog), "drones": "1,2"}
     values |= {"fog_root": target.fog_root, "identity": str(folder.path / f"fog{target.fog}")}

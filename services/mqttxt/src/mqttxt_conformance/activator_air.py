@@ -1,4 +1,4 @@
-"""Rules of an activator with a gateway for datagrams (section 20): the kit is drone 1 there, and others that come."""
+"""Rules of an activator with a gateway for datagrams (section 20): the kit is drone 1 and its other clients."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ ROLE = "activator over datagrams"
 KEEPALIVE_S = 15
 INVALID = 2
 ASKED_S = 5.0
-"""By when a client whose id somebody else names has answered (R20.10)."""
+"""How long a client has to answer PINGREQ after another one connects with its id (R20.10)."""
 REFLECTED = 3
 
 
 class Client(AirLine):
-    """A UAV client of the kit's; `drone` is whose topics it names."""
+    """A UAV client of the kit; it uses the topic ids of `drone`."""
 
     def __init__(self, root: str, drone: int, clock: SessionClock) -> None:
         super().__init__(ids_of(root, drone), clock)
@@ -54,11 +54,11 @@ class Client(AirLine):
         self.name = f"conformance-{secrets.token_hex(4)}"
 
     async def reach(self, gateway: Address) -> None:
-        """Have a port of its own; raises ConfigurationError."""
+        """Open a UDP port of its own; raises ConfigurationError."""
         await self.open("--air-sn", remote=gateway)
 
     async def ask(self, kind: int, answer: int, *numbers: int, rest: bytes = b"", limit_s: float = 1.0) -> Packet:
-        """Send a packet until its answer comes; raises Broken without one."""
+        """Repeat a packet every `limit_s` until its answer arrives; raises Broken without one."""
         mark = len(self.came)
         for _ in range(round(PATIENCE_S / limit_s)):
             self.send(kind, *numbers, rest=rest)
@@ -68,7 +68,7 @@ class Client(AirLine):
         raise Broken(f"no answer to packet kind 0x{kind:02x} within {PATIENCE_S:g} s")
 
     async def connect(self, will: Presence | None = None, keepalive_s: int = KEEPALIVE_S) -> int:
-        """The return code of CONNACK."""
+        """Connect; returns CONNACK's return code."""
         flags = CLEAN | WILL * (will is not None)
         answer = wire.WILLTOPICREQ if will is not None else wire.CONNACK
         found = await self.ask(wire.CONNECT, answer, flags, 1, keepalive_s, rest=self.name.encode())
@@ -79,7 +79,7 @@ class Client(AirLine):
         return found.code
 
     async def subscribe(self, topic: int | str, flags: int = 0) -> Packet:
-        """The SUBACK."""
+        """Subscribe; returns the SUBACK."""
         rest = topic.to_bytes(2, "big") if isinstance(topic, int) else topic.encode()
         kind = PREDEFINED if isinstance(topic, int) else NORMAL
         return await self.ask(wire.SUBSCRIBE, wire.SUBACK, flags | QOS_1 | kind, self.next_id, rest=rest)
@@ -91,7 +91,7 @@ class Client(AirLine):
             super().on_packet(packet)
 
     async def close(self) -> None:
-        """Take leave once, and let go of the port."""
+        """Send DISCONNECT once and close the port."""
         self.send(wire.DISCONNECT)
         await super().close()
 
@@ -100,12 +100,12 @@ class Client(AirLine):
 
 
 class AirKit(ActivatorKit):
-    """The kit's drone 1 comes by datagrams; `fog` is its own connection to the fog's broker, which only listens."""
+    """A kit whose drone 1 connects by datagrams; `fog` listens at the fog's broker, and publishes for the gateway."""
 
     gateway: Address = ()
 
     async def client(self, drone: int = 2) -> Client:
-        """Another client, at a port of its own."""
+        """Another client, on a UDP port of its own."""
         made = Client(self.fog_side.root, drone, self.clock)
         await made.reach(self.gateway)
         return made
@@ -116,7 +116,7 @@ class AirKit(ActivatorKit):
         await self.add_drones()
 
     async def add_drones(self) -> None:
-        """Drone 1, as a UAV client of section 20 comes; raises Broken."""
+        """Connect drone 1 by datagrams and register the station; raises Broken."""
         self.air = await self.client(1)
         one = FakeDrone(1, self.fog_side, self.air)
         self.drones = {1: one}
@@ -391,7 +391,7 @@ async def check_activator_air(
     target: ActivatorTarget,
     on_finding: Callable[[Finding], None],
 ) -> list[Finding]:
-    """Check an activator's gateway; raises ConfigurationError for what cannot be tested as it was asked."""
+    """Check an activator's gateway; raises ConfigurationError for a missing broker or a bad `run`."""
     topics, fog_side, clock = CloudSide(target.fog, target.prefix), FogSide(target.fog_root), SessionClock()
     values = {"broker": str(cloud_broker), "fog_broker": str(fog_broker), "fog": str(target.fog), "drones": "1,2"}
     values |= {"fog_root": target.fog_root, "air_sn": "{}:{}".format(*gateway)}

@@ -1,4 +1,4 @@
-"""Rules of an activator about commands: what goes down, when at the latest, and what it says of it."""
+"""Rules of an activator about commands: which it forwards, with which deadline, and which words it publishes."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ async def leaves_out_who_cannot_go(kit: ActivatorKit) -> str:
 
 
 async def _select(kit: ActivatorKit) -> tuple[CommandMessage, dict[str, Any]]:
-    """A goto for whoever arrives first, and the list that came; raises Broken where none did."""
+    """Send a PSMI goto; return it with the list that the activator publishes. Raises Broken if there is none."""
     mark = len(kit.cloud.heard)
     base = kit.command(Goto(0.0, 8.0, 20.0))
     fields = {name: value for name, value in vars(base).items() if name != "version"}

@@ -1,4 +1,4 @@
-"""Rules of an activator about presence, registration, the gate and the states that it passes on."""
+"""Rules of an activator about presence, registration, the gate, and the states and readings that it passes on."""
 
 from __future__ import annotations
 

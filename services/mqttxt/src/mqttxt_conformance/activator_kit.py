@@ -1,4 +1,4 @@
-"""The world of an activator under test: the kit is its ground stations and its UAV clients, on both brokers."""
+"""The environment of an activator under test: the kit is its ground stations and UAV clients, on both brokers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .words import Words, words_of
 PATIENCE_S = 5.0
 BIRTH_S = 30.0
 QUIET_S = 0.4
-"""How long to listen for what must not come."""
+"""How long to listen for messages that must not arrive."""
 LEASE_S = 600
 HOUR_MS = 3_600_000
 
@@ -46,7 +46,7 @@ class Station:
         self._clock = clock
 
     def register(self, lease_s: int = LEASE_S, control: Control = Control.WANT, **more: Any) -> int:
-        """Take, renew or end a lease; returns the nonce."""
+        """Publish a registration; returns its nonce."""
         nonce = secrets.randbelow(2**32)
         self.asked[nonce] = self._clock.now_ms()
         fields: dict[str, Any] = {"name": self.name, "session": self.session, "nonce": nonce, "lease_s": lease_s}
@@ -55,7 +55,7 @@ class Station:
         return nonce
 
     def gone(self) -> None:
-        """The station's will."""
+        """Publish the station's will."""
         topic = station_reachable(self.name, self._topics.prefix)
         self._tap.publish(topic, encode(Presence(session=self.session, up=False)))
 
@@ -74,7 +74,7 @@ class ActivatorKit:
         second: Tap | None = None,
     ) -> None:
         self.fogs = (fog,) if second is None else (fog, second)
-        """The kit at the fog's broker, or at each of its two."""
+        """The kit's connection to the fog's broker, or to each of two."""
         self.topics = topics
         self.fog_side = fog_side
         self.cloud = cloud
@@ -120,7 +120,7 @@ class ActivatorKit:
         expect(self.remote.last_beacon_ms, f"no beacon on {self.topics.clock} within 11 s of the birth")
 
     async def add_drones(self) -> None:
-        """Drone 1 with a young clock, drone 2 with one that is far ahead of the activator's."""
+        """Add drone 1, whose clock has just started, and drone 2, whose clock is an hour ahead of that."""
         await asyncio.sleep(1.0)
         self.drones = {
             1: FakeDrone(1, self.fog_side, self.fog),
@@ -131,12 +131,12 @@ class ActivatorKit:
         await self.cloud.until(lambda: all(self.record(number).get("up") for number in self.drones), PATIENCE_S)
 
     def record(self, number: int) -> dict[str, Any]:
-        """The newest record of a drone."""
+        """A drone's newest record, empty before the first."""
         found = self.records.get(number)
         return found[-1][1] if found else {}
 
     def on_cloud(self, heard: Heard) -> None:
-        """Beacons and records are taken in as they come."""
+        """Take beacons and records."""
         try:
             if self.rival is not None and heard.topic == self.topics.init_connect:
                 self._answer_as_rival(self.rival, shapes.read("registration", heard.payload)["nonce"])
@@ -150,7 +150,7 @@ class ActivatorKit:
                     record = shapes.read("drone-record", heard.payload)
                     self.records.setdefault(number, []).append((heard, record))
         except Broken:
-            return  # the rules about them read them again
+            return  # the rules about these messages check them again
 
     def _answer_as_rival(self, session: int, nonce: int) -> None:
         beacon = BeaconMessage(session=session, now_ms=self.clock.now_ms(), nonce=nonce, held_ms=0)
@@ -166,7 +166,7 @@ class ActivatorKit:
         self.remote.observe(told, at_ms, asked.get(beacon.get("nonce", -1)))
 
     async def echoed(self, nonce: int) -> dict[str, Any] | None:
-        """The beacon that echoes a nonce."""
+        """Wait for the beacon that echoes a nonce."""
         found = await self.cloud.until(lambda: [b for _, b in self.beacons if b.get("nonce") == nonce], PATIENCE_S)
         return found[0] if found else None
 
@@ -176,7 +176,7 @@ class ActivatorKit:
         return max(0, deadline_ms)
 
     def command(self, command: Command | None = None, **changed: Any) -> CommandMessage:
-        """A command of the kit's station that is in order, but for what is changed."""
+        """A valid command of the kit's station, but for the `changed` fields."""
         self.station.seq += 1
         ttl_ms = changed.pop("ttl_ms", 3000)
         fields = {
@@ -195,7 +195,7 @@ class ActivatorKit:
         self.cloud.publish(topic, encode(message), **options)
 
     def words(self, message: CommandMessage, drone: int = 1, mark: int = 0) -> Words:
-        """The words so far about a command and a drone, alone or together; raises Broken where a result is none."""
+        """The words so far about a command and a drone, alone or together; raises Broken if a result is malformed."""
         below, of_fog = f"{self.topics.root}drone{drone}/commands_result/", f"{self.topics.root}commands_result/"
         found: list[Heard] = []
         for heard in self.cloud.since(mark, below=self.topics.root):
@@ -210,12 +210,12 @@ class ActivatorKit:
     async def outcome(
         self, message: CommandMessage, drone: int = 1, limit_s: float = PATIENCE_S, mark: int = 0
     ) -> Words:
-        """The words of a command up to a last one."""
+        """Wait for a command's last word; returns its words."""
         await self.cloud.until(lambda: self.words(message, drone, mark).last, limit_s)
         return self.words(message, drone, mark)
 
     def fog_results(self, message: CommandMessage, mark: int = 0) -> list[tuple[int, dict[str, Any]]]:
-        """The words about a command as a whole, with their places in what came."""
+        """The fog-results of a command, each with its index among the received messages."""
         below = f"{self.topics.root}commands_result/"
         found = []
         for index, heard in enumerate(self.cloud.heard):
@@ -228,7 +228,7 @@ class ActivatorKit:
     async def refused(
         self, message: CommandMessage, word: str, reason: str | None = None, **options: Any
     ) -> tuple[Words, str]:
-        """Send a command to drone 1 that the activator must close itself; raises Broken. With the evidence."""
+        """Send drone 1 a command that the activator must close itself; returns words and evidence, raises Broken."""
         self.publish(message, **options)
         words = await self.outcome(message)
         await asyncio.sleep(QUIET_S)
@@ -245,12 +245,12 @@ class ActivatorKit:
         expect(not gone, f"went down as {shapes.shown(gone[0].heard.payload) if gone else ''}; {otherwise}")
 
     def forwarded(self, message: CommandMessage, drone: int = 1) -> list[Forwarded]:
-        """A command as it came down."""
+        """The copies of a command that reached a drone."""
         mine = (message.gs_session, message.seq)
         return [one for one in self.drones[drone].commands if (one.fields["gs_session"], one.fields["seq"]) == mine]
 
     async def comes_down(self, message: CommandMessage, drone: int = 1) -> Forwarded:
-        """The first copy of a command at its drone; raises Broken."""
+        """Wait for the first copy of a command at its drone; raises Broken."""
         found = await self.fog.until(lambda: self.forwarded(message, drone), PATIENCE_S)
         if not found:
             raise Broken(f"{message.command.name} did not come down; came {self.words(message, drone)}")
@@ -258,7 +258,7 @@ class ActivatorKit:
         return first
 
     def tell_all(self, distances: dict[int, float]) -> None:
-        """Every state that the rankings use; drones stand so many degrees north of the equator."""
+        """Publish every state that the rankings use; `distances` has each drone's latitude in degrees."""
         for number, latitude_deg in distances.items():
             place, figures = Location(latitude_deg, 8.0, 500.0, 10.0), (Battery(90), MaxGroundspeed(10.0))
             for state in (place, *figures, Endurance(1800, 8.0), Armed(armed=True), LandedState(Landed.IN_AIR)):
@@ -280,7 +280,7 @@ class ActivatorKit:
 
 @dataclass(frozen=True)
 class ActivatorTarget:
-    """Which activator is under test, how to start it, and its fleet, if that signs. `fog_root` None: as R1.1 says.
+    """The activator under test: its fog and topic roots, its command line, and its fleet if that signs.
 
     `second` is another broker of its fog.
     """

@@ -1,4 +1,4 @@
-"""Rules of an activator about who is there: its drones, a second of its kind, and its own end."""
+"""Rules of an activator about presence: its drones', a second activator's, and its own end."""
 
 from __future__ import annotations
 

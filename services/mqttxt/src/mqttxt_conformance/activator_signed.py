@@ -1,4 +1,4 @@
-"""Rules of an activator in a fleet that signs: whom it hears, what it passes on as it was signed, and what it signs."""
+"""Rules of an activator in a fleet that signs: what it accepts, what it passes on as signed, and what it signs."""
 
 from __future__ import annotations
 
@@ -230,18 +230,18 @@ async def signs_what_it_says(kit: SignedActivatorKit) -> str:
 
 
 async def _comes(tap: Tap, topic: str, signed: bytes, what: str) -> None:
-    """Wait until something comes as it was signed; raises Broken."""
+    """Wait until a message arrives as it was signed; raises Broken."""
     found = await tap.until(lambda: any(_same(heard.payload, signed) for heard in tap.since(0, topic)), PATIENCE_S)
     expect(found, f"{topic}: not {what} as it was signed, within {PATIENCE_S:g} s")
 
 
 async def _comes_down(drone: Drone, mark: int) -> list[Heard]:
-    """Commands that came to a drone since; raises Broken where none does."""
+    """The commands that reached a drone since `mark`; raises Broken without one."""
     found: list[Heard] = await drone.tap.until(lambda: drone.commands[mark:], PATIENCE_S)
     expect(found, f"drone {drone.number}: the command did not come down within {PATIENCE_S:g} s")
     return found
 
 
 def _same(payload: bytes, signed: bytes) -> bool:
-    """Whether two envelopes have the same contents and signature, whatever stands beside them."""
+    """Whether two envelopes have the same payload and signature; their unprotected headers may differ."""
     return bool(payload) and parts(payload)[1:] == parts(signed)[1:]

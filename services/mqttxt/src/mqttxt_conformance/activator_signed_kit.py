@@ -1,4 +1,4 @@
-"""The world of an activator in a fleet that signs: the kit is its station `ops` and its drones 1 and 2."""
+"""The environment of an activator in a fleet that signs: the kit is its station `ops` and its drones 1 and 2."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from .tap import Heard, Tap, clear_retained
 PATIENCE_S = 6.0
 BIRTH_S = 30.0
 QUIET_S = 0.4
-"""How long to listen for what must not come."""
+"""How long to listen for a message that must not arrive."""
 LEASE_S = 60
 QUESTIONS, QUESTION_S = 5, 2.0
-"""How often a registration asks for a beacon, and how long it waits for that (R12.13)."""
+"""How many registrations ask for a beacon, and how long each waits for it (R12.13)."""
 
 
 class Drone:
-    """One drone, which answers leases with a beacon; `commands` are what came down, as it came."""
+    """One drone, which answers leases with a beacon; `commands` has the received commands as they are."""
 
     def __init__(self, number: int, seal: Seal, tap: Tap, topics: FogSide, clock_topic: str) -> None:
         self._said_on = clock_topic
@@ -47,7 +47,7 @@ class Drone:
         return self.seal.sign(topic.removeprefix(self._topics.root), payload, with_certificate).encode()
 
     def born(self) -> bytes:
-        """Birth and first beacon; returns the birth's bytes."""
+        """Publish birth and first beacon; returns the birth's bytes."""
         topic = self._topics.reachable(self.number)
         birth = self.sealed(topic, encode(Presence(session=self.clock.session, up=True)), with_certificate=True)
         self.tap.publish(topic, birth, retain=True)
@@ -55,7 +55,7 @@ class Drone:
         return birth
 
     def beacon(self, nonce: int | None = None) -> bytes:
-        """Returns its bytes."""
+        """Publish a beacon; returns its bytes."""
         held_ms = 0 if nonce is not None else None
         message = BeaconMessage(session=self.clock.session, now_ms=self.clock.now_ms(), nonce=nonce, held_ms=held_ms)
         payload = self.seal.sign(self._said_on, encode(message)).encode()
@@ -63,7 +63,7 @@ class Drone:
         return payload
 
     def word(self, message: CommandMessage, word: Word) -> bytes:
-        """What it says of a command, unsigned."""
+        """A word about a command, unsigned."""
         own = stamp(self.clock.now_ms())
         ids = (message.gs_session, message.seq, self.clock.session)
         return encode(ResultMessage(gs_session=ids[0], seq=ids[1], session=ids[2], stamp=own, word=word))
@@ -75,7 +75,7 @@ class Drone:
         if heard.topic == self._topics.commands(self.number) and heard.payload:
             self.commands.append(heard)
         elif heard.topic == self._topics.init_connect(self.number) and heard.payload:
-            with contextlib.suppress(Broken):  # the rule about what is signed tells of it
+            with contextlib.suppress(Broken):  # the rule about signatures reports it
                 lease = shapes.read("drone-lease", heard.payload)
                 if lease["drone_session"] == self.clock.session:
                     self.beacon(lease["nonce"])
@@ -122,10 +122,10 @@ class SignedActivatorKit:
             tap.read, tap.on_heard = self.below.read, self.drones[number].on_heard
 
     def on_cloud(self, heard: Heard) -> None:
-        """Beacons are taken in as they come."""
+        """Take beacons."""
         if heard.topic != self.topics.clock:
             return
-        with contextlib.suppress(Broken):  # the rule about what is signed tells of it
+        with contextlib.suppress(Broken):  # the rule about signatures reports it
             beacon = shapes.read("beacon", heard.payload)
             nonce = beacon.get("nonce", -1)
             self.echoed.add(nonce)
@@ -134,7 +134,7 @@ class SignedActivatorKit:
                 self.remote.observe(told, heard.at_ms, self.asked.get(nonce))
 
     async def meet(self) -> None:
-        """Wait for its birth, ask for its clock, register, and have both drones born; raises Broken."""
+        """Wait for its birth, ask for a beacon, publish both drones' births, register; raises Broken."""
         topic = self.topics.reachable
         await self.cloud.until(lambda: self.cloud.since(0, topic) or self.subject.exit_code is not None, BIRTH_S)
         births = self.cloud.since(0, topic)
@@ -163,7 +163,7 @@ class SignedActivatorKit:
         return False
 
     def registration(self, **changed: Any) -> Registration:
-        """One that is in order, but for what is changed."""
+        """A valid registration, but for the `changed` fields."""
         self.counter += 1
         nonce = secrets.randbelow(2**32)
         fields: dict[str, Any] = {
@@ -174,7 +174,7 @@ class SignedActivatorKit:
         return Registration(**{**fields, **changed})
 
     async def registered(self, seal: Seal | None = None, sign: bool = True, **changed: Any) -> bool:
-        """Whether a registration's nonce came back."""
+        """Register; returns whether a beacon echoes the nonce."""
         message = self.registration(**changed)
         self.asked[message.nonce] = self.clock.now_ms()
         topic = self.topics.init_connect
@@ -186,7 +186,7 @@ class SignedActivatorKit:
         return bool(await self.cloud.until(lambda: message.nonce in self.echoed, limit_s))
 
     def command(self, drone: int, ttl_ms: int = 5000, seq: int | None = None) -> CommandMessage:
-        """A command as a drone is to have it."""
+        """A command in a drone's own session and clock."""
         self.seq += seq is None
         own = self.drones[drone].clock
         return CommandMessage(
@@ -203,17 +203,17 @@ class SignedActivatorKit:
         return self.station.sign(f"drone{drone}/commands", encode(message))
 
     def addressed(self, entries: dict[int, Envelope], ttl_ms: int = 5000) -> bytes:
-        """Envelopes with the activator's session and a deadline in its clock around them."""
+        """Signed commands: envelopes by drone, with the activator's session and a deadline in its clock."""
         deadline_ms = self.remote.deadline_ms(self.clock.now_ms(), ttl_ms)
         assert deadline_ms is not None
         return Addressed(self.session, max(0, deadline_ms), entries).encode()
 
     def words(self, drone: int, mark: int) -> list[Heard]:
-        """What was said of drone's commands since, as it came."""
+        """The results of `arm` at a drone since `mark`, as received."""
         return self.cloud.since(mark, self.topics.drone_result(drone, "arm"))
 
     def words_apart(self, mark: int) -> list[tuple[int, bytes]]:
-        """Words of arm since, each with its drone as it was signed, whether it came alone or with others."""
+        """The signed words about `arm` since `mark`, alone or together, with their drones."""
         alone = {self.topics.drone_result(number, "arm"): number for number in self.drones}
         found: list[tuple[int, bytes]] = []
         for heard in self.cloud.heard[mark:]:

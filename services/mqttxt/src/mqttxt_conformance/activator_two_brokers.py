@@ -14,14 +14,14 @@ from .registry import expect, rule
 from .tap import Heard, Tap
 
 ASKED_S = 1.5
-"""How long a drone has to answer before a will of one of several connections is its end."""
+"""How long a drone has to answer a lease after the will of one of its connections, before it counts as gone."""
 AGAIN_S = 0.5
-"""So long after a command went over one connection it goes over both, where no word has come."""
+"""How long a command over one connection may remain without a word before it is sent over both."""
 ROLE = "activator with two brokers"
 
 
 def _say(kit: ActivatorKit, tap: Tap, up: bool) -> None:
-    """Drone 1's birth, or the will of one of its connections, at one broker."""
+    """Publish drone 1's birth, or the will of one of its connections, at one broker."""
     presence = Presence(session=kit.one.session, up=up, several=None if up else True)
     tap.publish(kit.fog_side.reachable(1), encode(presence), retain=True)
 
@@ -37,7 +37,7 @@ async def _is_there_at_both(kit: ActivatorKit) -> None:
 
 
 def _copies(kit: ActivatorKit, marks: list[int], command: Command) -> list[list[Heard]]:
-    """What came down at each broker since."""
+    """A command's copies at each broker since its mark."""
     topic = kit.fog_side.commands(1)
     came = [tap.since(mark, topic) for tap, mark in zip(kit.fogs, marks, strict=True)]
     name = command.name
@@ -45,7 +45,7 @@ def _copies(kit: ActivatorKit, marks: list[int], command: Command) -> list[list[
 
 
 async def _sent(kit: ActivatorKit, command: Command) -> tuple[list[int], str]:
-    """Send a command to drone 1; the places in what each broker brings from then on."""
+    """Send drone 1 a command and wait for it; returns each broker's mark before, and the command's name."""
     marks = [len(tap.heard) for tap in kit.fogs]
     message = kit.command(command)
     kit.publish(message)

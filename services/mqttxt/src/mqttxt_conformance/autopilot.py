@@ -1,4 +1,4 @@
-"""The kit as an autopilot: it streams what PX4 streams, answers as a check has it, and keeps what was written."""
+"""The kit as an autopilot: it streams as PX4 does, answers as a check demands, and keeps the messages written to it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mqttxt.core.clock import SessionClock
 
 ARM, TAKEOFF, LAND, REPOSITION, SET_MODE = 400, 22, 21, 192, 176
 FLIGHT = frozenset({ARM, TAKEOFF, LAND, REPOSITION, SET_MODE})
-"""The MAV_CMDs that move a drone; questions and their answers are not counted."""
+"""The MAV_CMDs that move a drone; requests for messages are not counted."""
 HOLD_MODE, LAND_MODE, TAKEOFF_MODE, POSITION_MODE, OFFBOARD_MODE = (4, 3), (4, 6), (4, 2), (3, 0), (6, 0)
 HOME = (473_977_420, 85_455_940, 488_000)
-"""1e-7 degrees and millimetres above mean sea level."""
+"""Latitude, longitude in 1e-7 degrees; altitude in mm above mean sea level."""
 STREAM_S = 0.2
 GCS = 6
 """MAV_TYPE_GCS."""
@@ -24,7 +24,7 @@ GCS = 6
 
 @dataclass(frozen=True)
 class Manner:
-    """How the autopilot takes a MAV_CMD: `result` None keeps silent; without `effect` it does nothing."""
+    """The reaction to a MAV_CMD: IN_PROGRESS with `progress`, COMMAND_ACK with `result`, its effect; each if set."""
 
     result: int | None = 0
     effect: bool = True
@@ -33,7 +33,7 @@ class Manner:
 
 @dataclass(frozen=True)
 class Written:
-    """A MAVLink message that the implementation wrote, and when in the kit's clock."""
+    """A MAVLink message that the implementation wrote, and the time of its arrival in the kit's clock."""
 
     at_ms: int
     message: Any
@@ -44,7 +44,7 @@ class Written:
 
 
 class Autopilot:
-    """One autopilot over UDP, which sends to where the implementation listens."""
+    """One autopilot over UDP; it sends to the address on which the implementation listens."""
 
     def __init__(self, host: str, port: int, system: int, clock: SessionClock) -> None:
         self.system = system
@@ -84,7 +84,7 @@ class Autopilot:
             self._transport.close()
 
     def flights(self, mark: int, command: int | None = None) -> list[Written]:
-        """The flight commands that were written since `mark`, or those of one MAV_CMD."""
+        """The flight commands written since `mark`, or those of one MAV_CMD."""
         wanted = FLIGHT if command is None else {command}
         return [written for written in self.written[mark:] if written.command in wanted]
 
@@ -92,7 +92,7 @@ class Autopilot:
         return [written for written in self.written[mark:] if written.message.get_type() == kind]
 
     def send(self, message: Any, component: int = 1, system: int | None = None) -> None:
-        """One message in the autopilot's name, or another's."""
+        """Send a message, by default from the autopilot's own ids."""
         if self._transport is None:
             return
         encoder = mavlink.MAVLink(None, srcSystem=system or self.system, srcComponent=component)
@@ -102,12 +102,12 @@ class Autopilot:
     def acknowledge(
         self, command: int, result: int, *, progress: int = 0, to: tuple[int, int] | None = None, component: int = 1
     ) -> None:
-        """COMMAND_ACK to the companion computer, or to somebody else."""
+        """Send COMMAND_ACK to a system and component, by default the companion computer."""
         target = to or (self.system, 191)
         self.send(mavlink.MAVLink_command_ack_message(command, result, progress, 0, *target), component)
 
     def tell(self) -> None:
-        """What the streams say, at once."""
+        """Send heartbeat, position and landed state at once."""
         base = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0)
         main, sub = self.mode
         self.send(mavlink.MAVLink_heartbeat_message(2, 12, base, main << 16 | sub << 24, 4, 3))

@@ -1,4 +1,4 @@
-"""Checks a broker, or a cluster of several nodes: what of MQTT 5 the protocol needs, and what is there."""
+"""Checks a broker, or a cluster of several nodes: whether it has the MQTT 5 features that the protocol needs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from .broker_kit import BrokerKit, BrokerTarget
 from .registry import RULES, Finding, check_all
 
 SIDES = ("cloud", "fog", "drone")
-"""Which broker it is to be: what is needed differs."""
+"""The places that a broker may be checked for; each needs other features."""
 
 
 async def check_broker(target: BrokerTarget, on_finding: Callable[[Finding], None]) -> list[Finding]:
-    """Check a broker; raises ConfigurationError where it does not answer, or lets the kit do nothing."""
+    """Check a broker; raises ConfigurationError if it does not answer or refuses the kit's publish or subscription."""
     kit = BrokerKit(target)
     try:
         await kit.begin()

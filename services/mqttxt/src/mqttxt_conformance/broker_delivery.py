@@ -1,4 +1,4 @@
-"""Rules of a broker about what is published: that it arrives, whole, once and in its order."""
+"""Rules of a broker about delivery: messages arrive whole, once and in order."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MANY = 200
 CONNECTIONS = 20
 AGAIN_S = 0.5
 FILTERS = ("reachable", "clock", "states", "commands_result/#", "+/reachable", "+/+/+", "+/state/mavlink/+")
-"""Those of a ground station: no two of them match one topic."""
+"""A ground station's filters, no two of which match the same topic."""
 
 
 @rule("broker", "R2.1", needs=NEEDED)
@@ -135,7 +135,7 @@ async def keeps_to_receive_maximum(kit: BrokerKit) -> str:
         await peer.subscribe(topic, behind)
         for number in range(4):
             await kit.publish(topic, b"%d" % number)
-        kit.sender.publish(behind, b"", qos=0)  # at QoS 0 it needs no room; a broker may keep it back all the same
+        kit.sender.publish(behind, b"", qos=0)  # Receive Maximum does not apply; a broker may still hold it back
         await peer.come(behind)
         early = len(peer.on(topic))
         expect(early == 2, f"{early} of 4 came ahead of any PUBACK; expected 2")
@@ -211,7 +211,7 @@ async def carries_between_nodes(kit: BrokerKit) -> str:
 
 
 async def _passes(kit: BrokerKit, by: Peer, peer: Peer, topic: str) -> bool:
-    """Whether messages come; sent again, because another node learns of a subscription a little later."""
+    """Whether messages arrive; they are sent repeatedly, as another node learns of a subscription a little later."""
 
     async def passed() -> bool:
         by.publish(topic, b"0", qos=0)

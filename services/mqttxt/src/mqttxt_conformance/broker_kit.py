@@ -1,4 +1,4 @@
-"""The kit's connections to a broker under test, to one node of it or to several, and the topics that it uses there."""
+"""The kit's connections to one or several nodes of a broker under test, and the topics that it uses there."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from .registry import Broken, NotTested, expect
 from .tap import CONNECT_S, NO_PUBACK, Heard, Tap, clear_retained, resolve
 
 COMES_S = 3.0
-"""How long what is to come may take, also from node to node."""
+"""How long an expected message may take, also from node to node."""
 LARGEST_PACKET = 65_536
-"""What every client of the protocol announces as its Maximum Packet Size (R10.5)."""
+"""The Maximum Packet Size that every client of the protocol announces, bytes (R10.5)."""
 _UNSPECIFIED = 0x80
-"""From this reason code on MQTT's are errors."""
+"""The lowest of MQTT's reason codes that are errors."""
 _ALL = "#"
 
 
 @dataclass(frozen=True)
 class BrokerTarget:
-    """A broker's nodes, the prefix of the kit's topics there, and whose identity the kit has."""
+    """A broker's nodes, the prefix of the kit's topics there, and the identity with which the kit connects."""
 
     nodes: tuple[BrokerAddress, ...]
     prefix: str = ""
@@ -41,7 +41,7 @@ class BrokerTarget:
 
 
 def properties_of(packet: int, **values: Any) -> Properties:
-    """MQTT's properties of a packet, by their names without blanks."""
+    """MQTT properties of a packet, by MQTT's names without blanks."""
     made = Properties(packet)  # type: ignore[no-untyped-call]
     for name, value in values.items():
         setattr(made, name, value)
@@ -52,13 +52,13 @@ class Peer(Tap):
     """One client of the kit."""
 
     def acknowledge_all(self) -> None:
-        """PUBACK for everything that came, where that is left to the kit."""
+        """Send a PUBACK for every message in `waiting`."""
         for mid in self.waiting:
             self._client.ack(mid, 1)
         self.waiting.clear()
 
     def watch_mids(self) -> None:
-        """Keep the packet ids of what is to be acknowledged by hand."""
+        """Keep packet ids in `waiting`, for manual acknowledgement."""
         on_message = self._client.on_message
         assert on_message is not None
         self.waiting: list[int] = []
@@ -70,14 +70,14 @@ class Peer(Tap):
         self._client.on_message = take
 
     async def subscribe(self, *filters: str, options: SubscribeOptions | None = None) -> int:
-        """As `Tap.subscribe`; raises Broken without a SUBACK."""
+        """Subscribe as `Tap.subscribe` does; raises Broken without a SUBACK."""
         try:
             return await super().subscribe(*filters, options=options)
         except TimeoutError:
             raise Broken(f"no SUBACK within {CONNECT_S:g} s") from None
 
     async def unsubscribe(self, topic: str) -> None:
-        """Give up a filter; returns with the UNSUBACK, raises Broken without one."""
+        """Unsubscribe and wait for the UNSUBACK; raises Broken without one."""
         done: asyncio.Future[int] = self._loop.create_future()
         self._client.on_unsubscribe = lambda *_: self._call(resolve, done, 0)
         self._client.unsubscribe(topic)
@@ -88,16 +88,16 @@ class Peer(Tap):
             raise Broken(f"no UNSUBACK within {CONNECT_S:g} s") from None
 
     async def fall_silent(self) -> None:
-        """Neither read nor write any more, on a socket that stays open."""
+        """Stop reading and writing, and leave the socket open."""
         await self._loop.run_in_executor(None, self._client.loop_stop)
 
     async def leave_with_will(self) -> None:
-        """DISCONNECT with reason code 0x04."""
+        """Send DISCONNECT with reason code 0x04 (with will)."""
         self._client.disconnect(ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message"))
         await self._loop.run_in_executor(None, self._client.loop_stop)
 
     async def come(self, topic: str, payload: bytes | None = None, limit_s: float = COMES_S) -> Heard | None:
-        """The first message on a topic, with a payload if one is given; None where none comes."""
+        """The first message on a topic, with `payload` if given; None if none arrives within `limit_s`."""
 
         def found() -> Heard | None:
             heard = (one for one in self.heard if one.topic == topic and payload in (None, one.payload))
@@ -107,12 +107,12 @@ class Peer(Tap):
         return first
 
     def on(self, topic: str) -> list[bytes]:
-        """What came on a topic, in its order."""
+        """The payloads received on a topic, in order of arrival."""
         return [heard.payload for heard in self.heard if heard.topic == topic]
 
 
 class BrokerKit:
-    """Two connections, `sender` and `hearer`, to the first node; rules open others beside them."""
+    """Two connections, `sender` and `hearer`, to the first node; rules open more of them."""
 
     def __init__(self, target: BrokerTarget) -> None:
         self.target = target
@@ -124,7 +124,7 @@ class BrokerKit:
         self._open: list[Peer] = []
 
     def now_ms(self) -> int:
-        """The kit's clock, by which its connections stamp what they hear."""
+        """The kit's clock, with which its connections stamp received messages."""
         return self._clock.now_ms()
 
     def topic(self, name: str) -> str:
@@ -132,7 +132,7 @@ class BrokerKit:
         return f"{self.root}{name}"
 
     async def begin(self) -> None:
-        """Open the two connections; raises ConfigurationError where the broker lets the kit do nothing."""
+        """Connect to every node, twice to the first; raises ConfigurationError if the broker refuses the kit."""
         self.sender, self.hearer = await self._connect(0), await self._connect(0)
         for node in range(1, len(self.target.nodes)):
             await self._connect(node)
@@ -146,7 +146,7 @@ class BrokerKit:
             raise ConfigurationError(f"{where}: refuses a publish with reason code 0x{code:02x}; {expected}")
 
     async def renew(self) -> None:
-        """Open anew what the broker has closed, so that one rule that it breaks says nothing of the next."""
+        """Reopen connections that the broker has closed, so that one broken rule does not affect the next check."""
         if self.sender.ended.done():
             self.sender = await self._connect(0)
         if self.hearer.ended.done():
@@ -154,9 +154,9 @@ class BrokerKit:
             await self.hearer.subscribe(self.topic(_ALL))
 
     async def end(self) -> None:
-        """Take back on every node what was retained, and close what is open."""
+        """Clear on every node what the kit retained there, and close all connections."""
         for node in range(len(self.target.nodes) if self._retained else 0):
-            with contextlib.suppress(Broken):  # a node that has gone meanwhile
+            with contextlib.suppress(Broken):  # the node no longer answers
                 async with self.peer(node) as peer:
                     await clear_retained(peer, self._retained)
         for peer in self._open:
@@ -164,9 +164,9 @@ class BrokerKit:
 
     @contextlib.asynccontextmanager
     async def peer(self, node: int = 0, **options: Any) -> AsyncIterator[Peer]:
-        """A connection beside the two; closed cleanly at the end, unless it has ended before.
+        """A further connection, closed cleanly at the end unless it has ended before.
 
-        Raises Broken where the broker does not take it.
+        Raises Broken if the broker refuses it.
         """
         try:
             peer = await self._connect(node, **options)
@@ -193,22 +193,22 @@ class BrokerKit:
         return peer
 
     def client_id(self) -> str:
-        """An id that nobody else has."""
+        """A random client id, unique to one connection."""
         return f"conformance-{secrets.token_hex(4)}"
 
     async def retain(self, topic: str, payload: bytes, by: Peer | None = None) -> None:
-        """Publish with RETAIN; taken back at the end."""
+        """Publish with RETAIN; `end` clears the message."""
         self._retained.add(topic)
         await self.publish(topic, payload, by, retain=True)
 
     async def publish(self, topic: str, payload: bytes, by: Peer | None = None, **options: Any) -> int:
-        """Publish at QoS 1 and wait for the PUBACK; raises Broken where none, or a refusal, comes."""
+        """Publish at QoS 1 and return the PUBACK's reason code; raises Broken if it is an error or does not arrive."""
         code = await (by or self.sender).publish(topic, payload, **options)
         expect(code < _UNSPECIFIED, f"PUBACK 0x{code:02x}" if code != NO_PUBACK else "no PUBACK within 5 s")
         return code
 
     async def all_before(self, peer: Peer, topic: str, by: Peer | None = None) -> None:
-        """Wait until a marker came on a topic: what was published before it and did not come will not come."""
+        """Publish a marker and wait for it: an earlier message that has not arrived by then never will."""
         marker = secrets.token_bytes(8)
         await self.publish(topic, marker, by)
         expect(await peer.come(topic, marker), f"a message on {topic} did not come within {COMES_S:g} s")
@@ -222,28 +222,28 @@ class BrokerKit:
             yield peer, will
 
     def need_nodes(self) -> None:
-        """Raises NotTested where there is one node."""
+        """Raises NotTested if the broker has only one node."""
         if len(self.target.nodes) < 2:
             raise NotTested("needs the URLs of several nodes")
 
 
 def options(**values: Any) -> SubscribeOptions:
-    """Subscription options: QoS 1 unless said otherwise."""
+    """Subscription options, with QoS 1 by default."""
     return SubscribeOptions(**{"qos": 1, **values})
 
 
 def publish_properties(**values: Any) -> Properties:
-    """Those of a PUBLISH."""
+    """Properties of a PUBLISH."""
     return properties_of(PacketTypes.PUBLISH, **values)
 
 
 def will_properties(**values: Any) -> Properties:
-    """Those of a will."""
+    """Properties of a will."""
     return properties_of(PacketTypes.WILLMESSAGE, **values)
 
 
 async def first_of(found: Callable[[], Awaitable[bool]], limit_s: float = COMES_S) -> bool:
-    """Whether something holds within a time; asked again and again, as each question is a new subscription."""
+    """Whether `found` becomes true within `limit_s`; it is polled, because each call makes a new subscription."""
     loop = asyncio.get_running_loop()
     until = loop.time() + limit_s
     while not await found():

@@ -1,4 +1,4 @@
-"""Rules of a broker about what it retains, and on which nodes."""
+"""Rules of a broker about retained messages, also across its nodes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from .broker_kit import COMES_S, BrokerKit, Peer, first_of, options
 from .registry import Need, expect, rule
 
 PRESENCE = {"cloud": Need.USEFUL, "fog": Need.NEEDED, "drone": Need.UNUSED}
-"""At the cloud broker presence is answered at registration (R6.13); a fog's activator learns of its drones only so."""
+"""The cloud broker need not: activators answer registrations with presence (R6.13). A fog's activator relies on it."""
 SEND_ALWAYS, SEND_IF_NEW, SEND_NEVER = range(3)
 """Retain Handling."""
 
 
 async def _shown(kit: BrokerKit, wanted: str, topic: str, node: int = 0) -> bytes | None:
-    """What a new subscriber to a filter is shown as retained on a topic."""
+    """The retained payload on `topic` that a new subscriber to `wanted` gets."""
     marker = f"{topic}-marker"
     async with kit.peer(node) as peer:
         await peer.subscribe(wanted)

@@ -1,4 +1,4 @@
-"""Rules of a broker about connections and what outlives them: wills, sessions, keep-alive and expiry."""
+"""Rules of a broker about connections: wills, sessions, keep-alive and message expiry."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from .registry import Need, expect, rule
 
 KEEPALIVE_S = 2
 SILENT_S = 10.0
-"""Within which a client with that keep-alive has to be given up: MQTT says after one and a half of it."""
+"""Within which the broker must end a client with that keep-alive; by MQTT it does so after 1.5 times the keep-alive."""
 ROLES_KEEPALIVE_S = 15
 LATEST_WILL_S = 30
-"""Three intervals of beacons: from then on silence itself says that a node is gone (R9.2)."""
+"""Three beacon intervals, after which a node counts as gone without a will too (R9.2)."""
 DELAY_S = 2
 EXPIRY_S = 1
 HELD_S = 2
 TAKEN_OVER = 0x8E
 STORED = {"cloud": Need.UNUSED, "fog": Need.UNUSED, "drone": Need.NEEDED}
-"""A drone's own broker keeps for an hour what sensors publish while the UAV client is away (R9.11)."""
+"""A drone's own broker keeps readings for an hour while the UAV client is away (R9.11)."""
 PERSISTENT = {"SessionExpiryInterval": 3600}
 
 
@@ -160,7 +160,7 @@ async def passes_the_remaining_expiry(kit: BrokerKit) -> str:
 
 
 async def _leave_waiting(kit: BrokerKit, topic: str, client_id: str, expiry_s: int) -> None:
-    """A message waits for a client that is away, for longer than a second: time itself is what is tested."""
+    """Leave a message waiting for a client that is away; sleeps for HELD_S, because the passing of time is tested."""
     async with kit.peer(client_id=client_id, announced=PERSISTENT) as peer:
         await peer.subscribe(topic)
     await kit.publish(topic, b"waits", properties=publish_properties(MessageExpiryInterval=expiry_s))

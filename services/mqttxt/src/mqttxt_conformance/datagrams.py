@@ -1,4 +1,4 @@
-"""The kit's own ends of the air leg: MQTT-SN 1.2 as section 20 has it, with nothing of mqttxt's."""
+"""The kit's ends of the air leg: MQTT-SN 1.2 as in section 20, without mqttxt's code."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ CONNECT, CONNACK, WILLTOPICREQ, WILLTOPIC, WILLMSGREQ, WILLMSG, REGISTER, REGACK
 SUBSCRIBE, SUBACK, UNSUBSCRIBE, UNSUBACK, PINGREQ, PINGRESP, DISCONNECT = range(0x12, 0x19)
 DUP, QOS_1, RETAIN, WILL, CLEAN = 0x80, 0x20, 0x10, 0x08, 0x04
 NORMAL, PREDEFINED = 0, 1
-"""What a topic id is: one that was registered, or one of section 20's."""
+"""The types of a topic id: registered, or predefined by section 20."""
 TOGETHER, REVOKED = 1, 2
 LARGEST = 1200
 LEAST_MS, LONGEST_MS = 100, 2000
-"""Between which an end repeats what is not answered (R20.5)."""
+"""Bounds of the pause before a packet is repeated (R20.5)."""
 GRACE_MS = 400
-"""How late a busy machine may be."""
+"""The delay that a busy machine may add."""
 AGAIN_S = 1.0
-"""After so long the kit repeats a PUBLISH that was not answered."""
+"""How long the kit waits before it repeats an unanswered PUBLISH."""
 HEADERS = 28
-"""IPv4's and UDP's."""
+"""Bytes of the headers of IPv4 and UDP."""
 _PLACES = {
     CONNECT: ("flags protocol duration", ">BBH"),
     CONNACK: ("code", ">B"),
@@ -46,7 +46,7 @@ _PLACES = {
     UNSUBSCRIBE: ("flags msg_id", ">BH"),
     UNSUBACK: ("msg_id", ">H"),
 }
-"""The numbers of each kind of packet; behind them comes the rest."""
+"""The numeric fields at the start of each kind of packet, with their layout."""
 _STREAM = struct.Struct(">BHHH")
 _NAMES = (
     *("reachable", "clock", "init_connect", "stations", "control"),
@@ -58,7 +58,7 @@ Address = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Packet:
-    """A datagram as it came, when, and from where; a number that its kind does not have is 0."""
+    """A received packet with the time and sender; numeric fields that its kind lacks are 0."""
 
     kind: int
     rest: bytes = b""
@@ -79,18 +79,18 @@ class Packet:
 
     @property
     def same(self) -> Packet:
-        """What a repetition has in common with it."""
+        """The packet without DUP and time, to compare copies."""
         return replace(self, flags=self.flags & ~DUP, at_ms=0)
 
 
 def write(kind: int, *numbers: int, rest: bytes = b"") -> bytes:
-    """A datagram."""
+    """The datagram of a packet."""
     body = bytes((kind,)) + (struct.pack(_PLACES[kind][1], *numbers) if kind in _PLACES else b"") + rest
     return bytes((len(body) + 1,)) + body if len(body) < 255 else b"\1" + (len(body) + 3).to_bytes(2, "big") + body
 
 
 def read(data: bytes, at_ms: int = 0, sender: Address = ()) -> Packet:
-    """Raises Broken for what is no packet of section 20."""
+    """Read a datagram; raises Broken if it is no packet of section 20."""
     start = 3 if data[:1] == b"\1" else 1
     length = int.from_bytes(data[1:3], "big") if start == 3 else data[0] if data else 0
     kind = data[start] if len(data) > start else 0
@@ -105,7 +105,7 @@ def read(data: bytes, at_ms: int = 0, sender: Address = ()) -> Packet:
 
 
 def ids_of(root: str, drone: int) -> dict[int, str]:
-    """The topics of a drone by their predefined ids (R20.3)."""
+    """The topics of a drone, by predefined id (R20.3)."""
     below = {number: f"state/{name}" for number, name in enumerate(STATES, start=1)}
     below |= {64 + code: f"commands_result/{name or 'malformed'}" for code, name in enumerate(COMMANDS)}
     below |= dict(enumerate(_NAMES, start=128))
@@ -116,17 +116,17 @@ def ids_of(root: str, drone: int) -> dict[int, str]:
 
 
 def together(ids: dict[int, str], *messages: tuple[str, bytes]) -> bytes:
-    """Messages at QoS 1 as one stream (R20.6)."""
+    """Messages at QoS 1, joined to one stream (R20.6)."""
     numbers = {topic: number for number, topic in ids.items()}
     heads = [(_STREAM.pack(QOS_1, numbers[topic], 0, len(payload)), payload) for topic, payload in messages]
     return b"".join(head + payload for head, payload in heads)
 
 
 class AirLine(Line, asyncio.DatagramProtocol):
-    """One end: it answers what it is to answer, and has one PUBLISH at QoS 1 under way, which it repeats.
+    """One end: answers packets, and has one PUBLISH at QoS 1 under way, which it repeats until it is answered.
 
-    `came` has every packet in its order. `answers` says of a packet whether it is answered, `codes` with which return
-    code, by the kind of what is answered. Messages are heard once, as the ids of `ids` name them.
+    `came` has every packet in order of arrival. `answers` decides whether a packet is answered; `codes` has the return
+    code, by the kind of packet answered. Each message is taken once, under the topic that `ids` gives.
     """
 
     def __init__(self, ids: dict[int, str], clock: SessionClock) -> None:
@@ -137,9 +137,9 @@ class AirLine(Line, asyncio.DatagramProtocol):
         self.answers: Callable[[Packet], bool] = lambda packet: True
         self.codes: dict[int, int] = {}
         self.faults: list[str] = []
-        """What came and was no packet."""
+        """The errors of datagrams that were no packets."""
         self.peer: Address | None = None
-        """Whom the other end's datagrams come from."""
+        """The other end's address, to which packets are sent."""
         self._transport: asyncio.DatagramTransport | None = None
         self._waiting: deque[tuple[int, int, int, bytes, asyncio.Future[int]]] = deque()
         self._msg_id = secrets.randbelow(1000)
@@ -148,7 +148,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
         self._stream = b""
 
     async def open(self, what: str, local: Address | None = None, remote: Address | None = None) -> None:
-        """Raises ConfigurationError, which names the option `what`."""
+        """Open the socket; raises ConfigurationError, which names the option `what`."""
         try:
             await self._loop.create_datagram_endpoint(lambda: self, local_addr=local, remote_addr=remote)
         except OSError as error:
@@ -157,7 +157,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
 
     @property
     def next_id(self) -> int:
-        """The message id of the next packet that needs an answer."""
+        """A new message id, for a packet that needs an answer."""
         self._msg_id = self._msg_id % 65_535 + 1
         return self._msg_id
 
@@ -177,7 +177,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
         expiry_s: int | None = None,
         as_it_is: bool = False,
     ) -> asyncio.Future[int]:
-        """The future is the PUBACK's return code. Nothing is sent to take back what a broker retains."""
+        """Publish; the future is the PUBACK's return code. Empty payloads, to clear retained messages, are not sent."""
         done: asyncio.Future[int] = self._loop.create_future()
         topic_id = next((number for number, name in self.ids.items() if name == topic), None)
         if not payload or topic_id is None:
@@ -191,7 +191,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
         return self.surely(flags, topic_id, payload)
 
     def surely(self, flags: int, topic_id: int, payload: bytes) -> asyncio.Future[int]:
-        """A PUBLISH at QoS 1 behind those that wait."""
+        """Queue a PUBLISH at QoS 1."""
         done: asyncio.Future[int] = self._loop.create_future()
         self._waiting.append((flags | QOS_1, topic_id, self.next_id, payload, done))
         if len(self._waiting) == 1:
@@ -199,7 +199,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
         return done
 
     def packets(self, kind: int, mark: int = 0) -> list[Packet]:
-        """Those of a kind, from number `mark` of `came` on."""
+        """The packets of a kind, from number `mark` of `came` on."""
         return [packet for packet in self.came[mark:] if packet.kind == kind]
 
     async def close(self) -> None:
@@ -209,9 +209,9 @@ class AirLine(Line, asyncio.DatagramProtocol):
             self._transport.close()
 
     async def repeated(self, mark: int, patience_s: float) -> tuple[list[Packet], list[int]]:
-        """The first copies, from packet number `mark` on, of a PUBLISH that nobody answers, and their pauses in ms.
+        """The copies, from packet number `mark` on, of an unanswered PUBLISH, and the pauses between them in ms.
 
-        Raises Broken where they are not as R20.5 has them, or another PUBLISH at QoS 1 is among them.
+        Waits for four copies; raises Broken if they violate R20.5 or another PUBLISH at QoS 1 is among them.
         """
 
         def sure() -> list[Packet]:
@@ -229,7 +229,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
         return copies, pauses
 
     def forget(self) -> None:
-        """The connection is over: nothing waits, nothing was told."""
+        """Reset for a new connection: drop the queue and a partial stream."""
         self._waiting.clear()
         self._last, self._stream = 0, b""
         if self._again is not None:
@@ -250,7 +250,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
         self._arrived.set()
 
     def on_packet(self, packet: Packet) -> None:
-        """Messages, and answers to those of this end."""
+        """Take messages, and the answers to this end's own."""
         if packet.kind == PUBACK and self._waiting and self._waiting[0][2] == packet.msg_id:
             resolve(self._waiting.popleft()[-1], packet.code)
             if self._waiting:
@@ -282,7 +282,7 @@ class AirLine(Line, asyncio.DatagramProtocol):
         self.take(Heard(self._clock.now_ms(), topic, payload, qos, retain, None))
 
     def _say(self, dup: int) -> None:
-        """Send what is first, and again until it is answered."""
+        """Send the first queued PUBLISH, and repeat it until it is answered."""
         if self._again is not None:
             self._again.cancel()
         if self._waiting:

@@ -1,4 +1,4 @@
-"""The kit as a UAV client, on the fog's broker: its clock is known exactly, its answers are those that a check sets."""
+"""The kit as a UAV client on the fog's broker, with a clock that is known exactly and answers that a check sets."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .registry import Broken
 from .tap import Heard, Line
 
 QUESTION_HELD_S = 0.2
-"""How long a lease's nonce seems to be under way to the drone, which no message shows."""
+"""A simulated delay of a lease's nonce on its way to the drone; `held_ms` does not include it."""
 
 
 @dataclass(frozen=True)
 class Forwarded:
-    """A command as it came down, with the drone's clock at its arrival."""
+    """A command as it reached the drone, with the drone's clock at its arrival."""
 
     heard: Heard
     fields: dict[str, Any]
@@ -34,7 +34,7 @@ class Forwarded:
 
 
 class FakeDrone:
-    """One drone; its clock starts at 0, or ahead of that."""
+    """One drone; its clock starts at `ahead_ms`."""
 
     def __init__(self, number: int, topics: FogSide, tap: Line, ahead_ms: int = 0) -> None:
         self.number = number
@@ -53,7 +53,7 @@ class FakeDrone:
         return self._clock.now_ms()
 
     def born(self, up: bool = True) -> None:
-        """Birth and first beacon, or the will."""
+        """Publish birth and first beacon, or if not `up` the will."""
         presence = Presence(session=self.session, up=up)
         self._tap.publish(self._topics.reachable(self.number), encode(presence), retain=True)
         if up:
@@ -72,20 +72,20 @@ class FakeDrone:
         return own
 
     def say(self, gs_session: int, seq: int, command: str, word: Word, **more: Any) -> None:
-        """A word about a command."""
+        """Publish a word about a command."""
         own = stamp(self.now_ms())
         result = ResultMessage(gs_session=gs_session, seq=seq, session=self.session, stamp=own, word=word, **more)
         self._tap.publish(self._topics.commands_result(self.number, command), encode(result))
 
     def on_heard(self, heard: Heard) -> None:
-        """What comes down to this drone."""
+        """Take leases and commands for this drone."""
         try:
             if heard.topic == self._topics.init_connect(self.number) and heard.payload:
                 self._on_lease(heard, shapes.read("drone-lease", heard.payload))
             elif heard.topic == self._topics.commands(self.number) and heard.payload:
                 self._on_command(heard, shapes.read("command", heard.payload))
         except Broken:
-            return  # the rule about what comes down reads it again
+            return  # a rule checks the same message and reports it
 
     def _on_lease(self, heard: Heard, lease: dict[str, Any]) -> None:
         self.leases.append((heard, lease))
@@ -107,6 +107,6 @@ class FakeDrone:
 
 
 def _from(start_ns: int) -> Callable[[], int]:
-    """A clock source whose first reading is `start_ns`, and the next ones the true time."""
+    """A clock source that first reads `start_ns`, then the true time."""
     first = [start_ns]
     return lambda: first.pop() if first else system_clock_ns()

@@ -1,4 +1,4 @@
-"""Which fields payloads have and which values may stand in them, read off the specification's tables by hand."""
+"""The fields of payloads and their permitted values, copied by hand from the specification's tables."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ COMMANDS = (
 )
 
 Judge = Callable[[Any, bool], bool]
-"""Whether a value may stand in a field; the flag: the payload is JSON."""
+"""Whether a value is permitted in a field; the flag is true for JSON."""
 
 
 def _whole(low: int, high: int) -> Judge:
@@ -202,7 +202,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
 }
 """Each message's fields in the order of the CBOR array."""
 OPEN_ENDED = {"command": "command", "bulk-answer": "answer"}
-"""Messages whose last field here says which fields of its own follow behind it."""
+"""Messages with further fields behind their last one here, which determines those fields."""
 
 REQUIRED = {
     "presence": 3,
@@ -247,7 +247,7 @@ STATES: dict[str, dict[str, Judge]] = {
     "mission": {"current": STAMP, "reached": STAMP, "total": STAMP, "mission": _hash},
     "fence": {"breached": _flag, "fence": _hash},
 }
-"""Each state's own fields; `stamp` goes before them, and `relay_stamp` before that on the cloud side."""
+"""Each state's own fields; `stamp` precedes them, and on the cloud side `relay_stamp` precedes that."""
 
 STATE_OPTIONAL = {"gps": 2, "power": 1, "airframe": 1, "mission": 1, "fence": 1}
-"""How many fields of a state may be missing at its end."""
+"""How many fields at a state's end may be missing."""

@@ -25,7 +25,7 @@ def rules(signed: bool = True) -> list[Rule]:
 
 
 async def check_gs(broker: BrokerAddress, target: GsTarget, on_finding: Callable[[Finding], None]) -> list[Finding]:
-    """Check a ground station; raises ConfigurationError for what cannot be tested as it was asked."""
+    """Check a ground station; raises ConfigurationError for an unreachable broker, a bad `run`, a missing identity."""
     clock = SessionClock()
     values = {"broker": str(broker), "fog": str(target.fog), "drone": str(target.drone)}
     values |= {"identity": str(target.folder.path / f"gs-{STATION}")} if target.folder is not None else {}

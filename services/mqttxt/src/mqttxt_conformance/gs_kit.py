@@ -1,7 +1,7 @@
-"""The world of a ground station under test: the kit is its activator and its drone, and follows a script.
+"""The environment of a ground station under test: the kit is its activator and its drone, and follows a script.
 
-Everything is heard first and judged afterwards, because a ground station acts by itself: it registers, renews, sends
-commands when its user says so, and ends.
+The kit plays the whole script before it judges, because a ground station acts on its own: it registers, renews, sends
+commands for its user, and ends.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from .tap import NOBODY_SUBSCRIBED, Heard, Tap, clear_retained
 APPEAR_S = 60.0
 """How long a ground station may take to register, and then to send its first command."""
 NEXT_S = 4.0
-"""How long to wait for another command once one is answered."""
+"""How long to wait for a further command after the answers to the previous ones."""
 BEACON_HELD_S = 0.4
-"""How long each beacon seems to be under way: deadlines made from it must be earlier by that."""
+"""A simulated delay of each beacon: deadlines made from it must be earlier by that."""
 RATE = 0.002
 """2 rho of R4.4."""
 EPOCH = 3
@@ -54,7 +54,7 @@ LONGEST_LEASE_S = 60
 
 @dataclass(frozen=True)
 class Timed:
-    """A command or a registration as it came, with the latest deadline that R4.4 allows it and whom it is for."""
+    """A received command or registration, the latest deadline that R4.4 allows it, and the session that it is for."""
 
     heard: Heard
     fields: dict[str, Any]
@@ -79,7 +79,7 @@ class GsKit:
     ) -> None:
         self.secured = secured
         self.twin = tap
-        """A connection that may publish what is the station's own."""
+        """A connection that may publish on the station's own topics."""
         self.topics = CloudSide(fog, prefix)
         self.drone = drone
         self.prefix = prefix
@@ -96,14 +96,14 @@ class GsKit:
         self.forged_ms: int | None = None
         self.sensor: Sensor | None = None
         self.measured: list[int] = []
-        """Numbers of the sensor's own readings; `acknowledged` are the station's words on those."""
+        """`seq` of the readings that the sensor signed; `acknowledged` has the station's acknowledgements."""
         self.acknowledged: list[Heard] = []
         self.unheard: list[str] | None = None
         self.presence_topic: str | None = None
         self.anew_ms = 0
         self.answered: dict[bytes, int] = {}
         self.together: list[Timed] = []
-        """Broadcasts that were answered by words together."""
+        """Broadcasts that the kit answered with words together."""
         self.upset_ms: int | None = None
         self.killed_mark: int | None = None
         self.stopped_mark: int | None = None
@@ -111,10 +111,10 @@ class GsKit:
         self._beacons: list[tuple[int, int]] = []
         self._tasks: set[asyncio.Task[Any]] = set()
 
-    # What the kit says as an activator.
+    # Messages that the kit publishes as an activator.
 
     async def appear(self) -> None:
-        """A live activator with one drone, in a session of its own."""
+        """Publish the birth of a new activator session with one drone."""
         self.activator = SessionClock()
         self._beacons.clear()
         self.sessions.append(self.activator.session)
@@ -144,7 +144,7 @@ class GsKit:
         self.tap.publish(self.topics.drone_reachable(self.drone), encode(record), retain=True)
 
     def _beacon(self, nonce: int | None) -> None:
-        """A beacon that seems to be under way for a while."""
+        """Publish a beacon after a delay of BEACON_HELD_S."""
         held_ms = 0 if nonce is not None else None
         now_ms = self.activator.now_ms()
         message = BeaconMessage(session=self.activator.session, now_ms=now_ms, nonce=nonce, held_ms=held_ms)
@@ -165,7 +165,7 @@ class GsKit:
         task.add_done_callback(self._tasks.discard)
 
     def answer(self, command: Timed, *words: Word) -> None:
-        """The drone's words about a command."""
+        """Publish the drone's words about a command."""
         self.answered[command.heard.payload] = self.clock.now_ms()
         if command.heard.topic == self.topics.broadcast:
             about = {name: command.fields[name] for name in ("gs_session", "seq")}
@@ -179,7 +179,7 @@ class GsKit:
             self.tap.publish(*self.word(command, word))
 
     def _say_together(self, command: Timed, about: FogResultMessage, words: tuple[Word, ...]) -> None:
-        """The drone's words about a broadcast in one message, behind the roster; a signed one comes before it."""
+        """Publish the drone's words about a broadcast with the roster in one message; signed ones follow the roster."""
         self.together.append(command)
         topic, results = self.topics.fog_result(command.fields["command"]), [self._result(command, w) for w in words]
         if self.secured is None:
@@ -206,7 +206,7 @@ class GsKit:
             word=word,
         )
 
-    # What the kit hears.
+    # Messages that the kit receives.
 
     def on_heard(self, heard: Heard) -> None:
         try:
@@ -222,15 +222,15 @@ class GsKit:
             self.malformed.append(f"{heard.topic}: {broken}")
 
     def latest(self, at_ms: int, length_ms: int) -> float:
-        """The latest deadline that R4.4 allows for something that arrived at `at_ms`: it was made no later."""
+        """The latest deadline that R4.4 allows, `length_ms` ahead, for a message that arrived at `at_ms`."""
         bounds = [told_ms + (at_ms - sent_ms) * (1 - RATE) for sent_ms, told_ms in self._beacons]
         return max(bounds, default=0.0) + length_ms * (1 - RATE)
 
     def _on_registration(self, heard: Heard, fields: dict[str, Any]) -> None:
         if fields["lease_s"] == 0 and fields.get("anew") and "activator_session" not in fields:
-            return  # R6.13: the birth that it asks for is retained
+            return  # R6.13: it asks for the birth, which is retained
         if self.secured is not None and fields["lease_s"] == 0 and "until_ms" not in fields:
-            self._beacon(fields["nonce"])  # R12.13: who has no beacon asks for one
+            self._beacon(fields["nonce"])  # R12.13: a station without a beacon asks for one
             return
         is_first = not self.enrolments
         latest_ms = self.latest(heard.at_ms, fields["lease_s"] * 1000)
@@ -248,7 +248,7 @@ class GsKit:
         self.commands.append(Timed(heard, fields, latest_ms, named))
 
     async def _probe(self) -> None:
-        """Whom the broker reaches right after the first registration: PUBACK 0x10 says nobody, if it says so at all."""
+        """Find topics without a subscriber right after the first registration, if the broker reports that (0x10)."""
         stranger = secrets.randbelow(2**32 - 1) + 1
         beacon = BeaconMessage(session=stranger, now_ms=1)
         result = ResultMessage(gs_session=stranger, seq=1, session=stranger, stamp=1, word=Word.EXPIRED)
@@ -266,13 +266,13 @@ class GsKit:
             self.unheard = [topic for topic, code in found.items() if code == NOBODY_SUBSCRIBED]
 
     def last_words(self) -> list[dict[str, Any]]:
-        """What its last session said after it was killed; the will of the session before may still be on its way."""
+        """The presences of its last session since the kill; the will of the session before may arrive that late."""
         session = self.enrolments[-1].fields["session"]
         said = [presence for _, presence in self.presences(self.killed_mark or 0)]
         return [presence for presence in said if presence["session"] == session]
 
     def presences(self, mark: int = 0, end: int | None = None) -> list[tuple[Heard, dict[str, Any]]]:
-        """What was heard on any station's retained topic."""
+        """The presences on any station's retained topic, without the kit's own."""
         below = f"{self.prefix}gs/"
         own = self.secured.speech.own if self.secured is not None else set()
         found = [
@@ -299,7 +299,7 @@ class GsKit:
 
 @dataclass(frozen=True)
 class GsTarget:
-    """The fog and the drone that the ground station commands, and how to start it. `ttl_s` is its commands'."""
+    """The ground station under test: the fog and drone that it commands, `ttl_s` of its commands, its command line."""
 
     fog: int
     drone: int

@@ -1,4 +1,4 @@
-"""Rules of a ground station, judged by what was heard while the kit's script ran."""
+"""Rules of a ground station, judged by what the kit received while its script ran."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .gs_kit import EPOCH, LONGEST_LEASE_S, GsKit, Timed
 from .registry import NotTested, expect, rule
 
 CONFIRMED_MS = 5000
-"""Within this the kit's beacon has confirmed a registration."""
+"""The time within which the kit's beacon confirms a registration."""
 
 
 def _live(kit: GsKit) -> list[Timed]:
@@ -21,7 +21,7 @@ def _live(kit: GsKit) -> list[Timed]:
 
 
 def _commands(kit: GsKit) -> list[Timed]:
-    """The commands of the first run; raises NotTested where none came."""
+    """The commands of the first run; raises NotTested if the station sent none."""
     session = kit.enrolments[0].fields["session"]
     found = [command for command in kit.commands if command.fields["gs_session"] == session]
     if not found:
@@ -30,7 +30,7 @@ def _commands(kit: GsKit) -> list[Timed]:
 
 
 def _first(kit: GsKit) -> list[Timed]:
-    """Each command once, as it came first."""
+    """The first copy of each command."""
     found: dict[bytes, Timed] = {}
     for command in _commands(kit):
         found.setdefault(command.heard.payload, command)
@@ -38,7 +38,7 @@ def _first(kit: GsKit) -> list[Timed]:
 
 
 def _is_repeated(kit: GsKit, earlier: Timed, later: Timed) -> bool:
-    """Whether the later one is the earlier one again: the same command, and that had no answer yet."""
+    """Whether `later` repeats `earlier`: the same command, sent before the kit had answered `earlier`."""
     answered_ms = kit.answered.get(earlier.heard.payload, later.heard.at_ms)
     return earlier.fields["command"] == later.fields["command"] and later.heard.at_ms <= answered_ms
 

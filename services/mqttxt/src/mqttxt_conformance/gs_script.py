@@ -1,4 +1,4 @@
-"""The script that a ground station is led through: from its registration to its end."""
+"""The script that the kit plays to a ground station, from its registration to its end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .sealed import STATION
 
 
 async def play(kit: GsKit) -> None:
-    """From a registration to the end; raises Broken when no station registers."""
+    """Play the script; raises Broken if no station registers."""
     await kit.appear()
     if kit.subject.is_ours:
         await kit.subject.start()
@@ -47,7 +47,7 @@ def _say_nonsense(kit: GsKit) -> None:
 
 
 def _forge(kit: GsKit) -> None:
-    """Last words about the first command that its drone has not signed."""
+    """Publish last words about the first command that its drone has not signed."""
     if kit.secured is None or not kit.commands:
         return
     kit.forged_ms = kit.clock.now_ms()
@@ -60,7 +60,7 @@ def _forge(kit: GsKit) -> None:
 
 
 def _measure(kit: GsKit) -> None:
-    """Readings that their sensor has signed, and others."""
+    """Publish readings, two of which their sensor has signed."""
     if kit.secured is None or not kit.commands:
         return
     with contextlib.suppress(NotTested):  # the rule says why
@@ -73,7 +73,7 @@ def _measure(kit: GsKit) -> None:
 
 
 def _upset(kit: GsKit) -> None:
-    """Another session's `down` on the station's retained topic."""
+    """Publish another session's `down` on the station's retained topic."""
     if kit.presence_topic is not None:
         kit.upset_ms = kit.clock.now_ms()
         other = Presence(session=secrets.randbelow(2**32 - 1) + 1, up=False)
@@ -83,7 +83,7 @@ def _upset(kit: GsKit) -> None:
 
 
 async def _wait_for_renewal(kit: GsKit) -> None:
-    """Until a third of the lease has passed, and a command that nobody answers came again."""
+    """Wait, at most until both are due, for a renewal at a third of the lease and a repetition of the first command."""
     first = kit.enrolments[0]
     lease_ms = min(first.fields["lease_s"], LONGEST_LEASE_S) * 1000
     due_ms = first.heard.at_ms + lease_ms / 3 * 1.25 + 1000
@@ -100,25 +100,25 @@ async def _wait_for_renewal(kit: GsKit) -> None:
 
 
 async def _answer_all(kit: GsKit) -> None:
-    """Every command is completed, until no more come."""
+    """Answer every command with `completed`, until no more arrive."""
     while True:
         known = len(kit.commands)
         for command in kit.commands:
             if command.heard.payload not in kit.answered:
                 kit.answer(command, Word.ACCEPTED, Word.COMPLETED)
-        repeated_s = kit.ttl_ms / 1000 + 1.5 if kit.together else 0  # what is not read would be asked for again by then
+        repeated_s = kit.ttl_ms / 1000 + 1.5 if kit.together else 0  # by then a broadcast with unread words is repeated
         await kit.tap.until(partial(_has_more, kit, known), max(NEXT_S, repeated_s))
         if len(kit.commands) == known:
             return
 
 
 def _has_more(kit: GsKit, known: int) -> bool:
-    """Whether another command came, or none can come any more."""
+    """Whether a further command has arrived or the implementation has ended."""
     return len(kit.commands) > known or kit.subject.exit_code is not None
 
 
 async def _end(kit: GsKit) -> None:
-    """A clean stop; then, of an implementation that the kit starts, a crash."""
+    """Stop an implementation that the kit starts cleanly; then start it again and kill it."""
     if not kit.subject.is_ours:
         return
     kit.subject.terminate()

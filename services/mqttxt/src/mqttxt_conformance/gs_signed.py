@@ -1,4 +1,4 @@
-"""Rules of a ground station in a fleet that signs, judged by what was heard while the kit's script ran."""
+"""Rules of a ground station in a fleet that signs, judged by what the kit received while its script ran."""
 
 from __future__ import annotations
 

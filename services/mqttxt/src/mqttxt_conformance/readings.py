@@ -1,4 +1,4 @@
-"""Readings that a sensor signs (R12.21), as the kit says them in the name of the fleet's sensor 4."""
+"""Readings that a sensor signs (R12.21): the kit sends them in the name of the fleet's sensor 4."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OTHER_KIND = "humidity"
 
 
 class Sensor:
-    """One start of the sensor; raises NotTested where the fleet has none, or does not sign readings."""
+    """One start of the sensor; raises NotTested if the fleet has no such sensor or does not sign readings."""
 
     def __init__(self, folder: Folder) -> None:
         if not folder.signed_readings:
@@ -31,7 +31,7 @@ class Sensor:
         return encode(ReadingMessage(boot=self.boot, seq=seq, time_ms=1_700_000_000_000, value=21.5))
 
     def said(self, seq: int, by: Seal | None = None, kind: str = KIND) -> bytes:
-        """A reading as the sensor signs it, or as somebody else does."""
+        """A reading signed by the sensor, or with the seal `by`."""
         signer = by or self.seal
         return signer.sign(f"sensor{SENSOR}/{kind}", self.measured(seq), with_certificate=True).encode()
 

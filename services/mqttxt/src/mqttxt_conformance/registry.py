@@ -1,4 +1,4 @@
-"""The rules that the kit checks: each a small function with the numbers of what it checks; and how they are run."""
+"""The rules that the kit checks, each a small function with rule numbers of docs/protocol.md; and their execution."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any
 
 Check = Callable[[Any], Awaitable[str]]
-"""Takes a role's kit; returns the evidence that the rule is kept, or raises Broken or NotTested."""
+"""Takes a role's kit; returns the evidence that the implementation keeps the rule, or raises Broken or NotTested."""
 
 
 class Broken(Exception):
@@ -20,7 +20,7 @@ class NotTested(Exception):
 
 
 class Verdict(Enum):
-    """What became of a rule."""
+    """The result of checking a rule."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -28,7 +28,7 @@ class Verdict(Enum):
 
 
 class Need(Enum):
-    """What a rule of a broker is to the protocol: a broker passes that has all that is needed."""
+    """How far the protocol depends on a broker's rule: a broker passes if it keeps every NEEDED rule."""
 
     NEEDED = "needed"
     USEFUL = "useful"
@@ -37,9 +37,9 @@ class Need(Enum):
 
 @dataclass(frozen=True)
 class Rule:
-    """One thing to check: `numbers` are those of docs/protocol.md, `statement` says it in one line.
+    """One rule to check: `numbers` are its rule numbers in docs/protocol.md, `statement` is its text in one line.
 
-    `needs` says of a broker's rule how much it is needed on each side (`cloud`, `fog`, `drone`).
+    `needs` is, for a broker's rule, its Need on each side (`cloud`, `fog`, `drone`).
     """
 
     role: str
@@ -52,7 +52,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Finding:
-    """A rule's verdict and what it rests on."""
+    """A rule's verdict and its evidence."""
 
     rule: Rule
     verdict: Verdict
@@ -69,7 +69,7 @@ RULES: dict[str, list[Rule]] = {role: [] for role in ROLES}
 
 
 def rule(role: str, *numbers: str, needs: Mapping[str, Need] | None = None) -> Callable[[Check], Check]:
-    """Enter a check; its name and the first line of its docstring are the rule's."""
+    """Enter a check as a rule, with its name and, as the statement, the first line of its docstring."""
 
     def enter(check: Check) -> Check:
         statement = (check.__doc__ or "").strip().splitlines()[0]
@@ -87,7 +87,7 @@ def expect(condition: object, evidence: str) -> None:
 
 
 async def check_all(rules: Iterable[Rule], kit: object, on_finding: Callable[[Finding], None]) -> list[Finding]:
-    """Check one rule after the other; `on_finding` hears of each at once."""
+    """Check one rule after the other; `on_finding` gets each finding at once."""
     found = []
     for one in rules:
         try:
@@ -104,7 +104,7 @@ async def check_all(rules: Iterable[Rule], kit: object, on_finding: Callable[[Fi
 async def check_met(
     meeting: Awaitable[object], failed: str, rules: Iterable[Rule], kit: object, on_finding: Callable[[Finding], None]
 ) -> list[Finding]:
-    """Check once the implementation has appeared; where `meeting` raises Broken, the rule `failed` fails alone."""
+    """Check the rules once `meeting` returns; if it raises Broken, `failed` fails and the others are not tested."""
     try:
         await meeting
     except Broken as broken:
@@ -113,7 +113,7 @@ async def check_met(
 
 
 def unmet(rules: Iterable[Rule], failed: str, evidence: str, on_finding: Callable[[Finding], None]) -> list[Finding]:
-    """The findings where the implementation never appeared: one rule fails, the others are not tested."""
+    """The findings for an implementation that never appeared: one rule fails, the others are not tested."""
     found = []
     for one in rules:
         is_it = one.name == failed

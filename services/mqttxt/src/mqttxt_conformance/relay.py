@@ -1,4 +1,4 @@
-"""TCP links to brokers on this machine that can be cut under an implementation, or held back and delayed."""
+"""TCP links to brokers on this machine that the kit can cut; subclasses may hold back or delay their bytes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mqttxt.core.address import BrokerAddress
 from .tap import Tap, clear_retained
 
 UP, DOWN = "up", "down"
-"""A direction: from the client, and to it."""
+"""The directions: from the client, and to it."""
 MOST_BYTES = 65_536
 
 
 class Relay:
-    """Passes connections on to `broker`; `address` is where clients connect to, once it has started."""
+    """Passes TCP connections on to `broker`; after `start`, clients connect to `address`."""
 
     def __init__(self, broker: BrokerAddress, port: int = 0) -> None:
         self.address = replace(broker, port=port)
@@ -31,13 +31,13 @@ class Relay:
         return self
 
     def cut(self) -> None:
-        """Every connection ends, and no other comes about."""
+        """End every connection, and close new ones at once."""
         self._is_cut = True
         for task in self._serving:
             task.cancel()
 
     def go_on(self) -> None:
-        """Connections come about again."""
+        """Pass connections on again."""
         self._is_cut = False
 
     async def close(self) -> None:
@@ -52,7 +52,7 @@ class Relay:
         task.add_done_callback(self._serving.discard)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One connection of a client, until either side ends it."""
+        """Serve a client's connection until either side ends it."""
         writers = [writer]
         try:
             if self._is_cut:
@@ -69,7 +69,7 @@ class Relay:
                 each.transport.abort()
 
     async def carry(self, way: str, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-        """One direction of a connection; raises ConnectionResetError at its end."""
+        """Carry the bytes of one direction; raises ConnectionResetError at the connection's end."""
         while data := await source.read(MOST_BYTES):
             sink.write(data)
             await sink.drain()
@@ -78,7 +78,7 @@ class Relay:
 
 @dataclass(frozen=True)
 class Two:
-    """A second broker: the kit's connection to it, the drone's own there, and the links of both that it can cut."""
+    """A second broker: the kit's connection to it, the drone's own there, and the relays to both brokers."""
 
     tap: Tap
     twin: Tap

@@ -18,7 +18,7 @@ _STYLES = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.NOT_TESTED: 
 def as_json(role: str, findings: list[Finding], side: str | None = None, name: str | None = None) -> str:
     """`{"role", "pass", "fail", "not_tested", "findings": [{"rule", "numbers", "statement", …}]}`.
 
-    Of a broker also its `name` and the `side` that it was checked for, and with each finding its `need`.
+    For a broker also its `name`, the `side` that it was checked for, and each finding's `need`.
     """
     rows: list[dict[str, object]] = [
         {
@@ -40,7 +40,7 @@ def as_json(role: str, findings: list[Finding], side: str | None = None, name: s
 
 
 def print_table(role: str, findings: list[Finding], console: Console, side: str | None = None) -> None:
-    """One row a rule, and how many of each verdict; of a broker, what is needed on a side."""
+    """Print one row per rule and the count of each verdict; for a broker also each rule's need on `side`."""
     shown = Table(title=f"Conformance of a {role}", title_justify="left", show_lines=True)
     for heading in ("rule", "verdict", *(("need",) if side is not None else ())):
         shown.add_column(heading, no_wrap=True)
@@ -58,7 +58,7 @@ def print_table(role: str, findings: list[Finding], console: Console, side: str 
 
 
 def failures(findings: list[Finding], side: str | None = None) -> list[Finding]:
-    """The findings by which an implementation does not pass: of a broker, those that its side needs."""
+    """The findings with verdict FAIL; for a broker only those of rules that its side needs."""
     failed = [finding for finding in findings if finding.verdict is Verdict.FAIL]
     return [finding for finding in failed if side is None or finding.rule.needs[side] is Need.NEEDED]
 

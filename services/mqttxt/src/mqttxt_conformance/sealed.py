@@ -1,6 +1,6 @@
-"""What is signed, in the kit: how its own messages are sealed, and a check of others' that uses nothing of mqttxt's.
+"""Signed messages in the kit: seals its own, and verifies those of others without mqttxt's code.
 
-A fleet is a folder that `mqttxt keys` made, with the identities that the kit plays.
+A fleet is a folder made by `mqttxt keys`, with the identities that the kit uses.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .registry import Broken, NotTested
 from .tap import Heard
 
 STATION, GUEST = "ops", "guest"
-"""The stations that the kit plays: one that may command every drone, and one that may only observe."""
+"""The stations that the kit plays: the first may command every drone, the second may only observe."""
 _PROTECTED = cbor2.dumps({1: -8})
 _KID, _CERTIFICATE, _ROUTE = 4, 33, -65537
 
@@ -39,14 +39,14 @@ class Folder:
     signed_readings: bool = False
 
     def identity(self, name: str) -> Identity:
-        """Raises ConfigurationError where it is missing or wrong."""
+        """A node's identity; raises ConfigurationError if missing or invalid."""
         return Identity.load(self.path / name)
 
     def seal(self, name: str) -> Seal:
         return Seal(self.identity(name))
 
     def guest(self) -> Seal:
-        """Raises NotTested where the fleet has none."""
+        """The seal of GUEST; raises NotTested if the fleet has none."""
         if not (self.path / f"gs-{GUEST}").is_dir():
             raise NotTested(f"needs a station without the right: mqttxt keys issue station {GUEST} --may observe")
         return self.seal(f"gs-{GUEST}")
@@ -54,11 +54,11 @@ class Folder:
 
 @dataclass
 class Speech:
-    """Who signs what a tap hears, verified.
+    """Verifies the signatures of the messages that a tap receives.
 
-    `signers` names who may have signed a topic, and the topic that the signature names (R12.3), where that is another;
-    None for a topic that is not signed. `certificates` are those that the
-    kit has met, in births; `wrong` says of what came why it is not as section 12 has it, `own` are bytes of the kit's.
+    `signers` gives a topic's signer, with the topic that the signature names (R12.3) where that is another one; None
+    for a topic that is not signed. `certificates` are those received so far, by name; `wrong` has the reason for each
+    message that section 12 does not allow; `own` are payloads of the kit, which are not verified.
     """
 
     fleet: Identity
@@ -70,7 +70,7 @@ class Speech:
     verified: int = 0
 
     def read(self, heard: Heard) -> Heard:
-        """The message with what is inside its envelope; as it is, and noted, where that cannot be believed."""
+        """The message with its envelope's payload; unchanged if it is not signed or cannot be verified."""
         signer = self.signers(heard.topic)
         if signer is None or not heard.payload or heard.payload in self.own:
             return heard
@@ -79,9 +79,9 @@ class Speech:
         return heard if payload is None else replace(heard, payload=payload)
 
     def checked(self, topic: str, data: bytes, signer: str) -> bytes | None:
-        """What `signer` said on a topic (R12.3); None where that cannot be believed, which is noted.
+        """The payload that `signer` signed for a topic (R12.3); None if it does not verify, with the reason in `wrong`.
 
-        What comes before its signer's certificate is None too: nobody can say anything of it.
+        Before the signer's certificate has arrived nothing can be verified: None without a reason.
         """
         try:
             payload = self._opened(topic, data, signer)
@@ -123,7 +123,7 @@ class Speech:
 
 
 def parts(data: bytes) -> tuple[dict[int, Any], bytes, bytes]:
-    """The unprotected header, the payload and the signature of a COSE_Sign1; raises Broken for anything else."""
+    """The unprotected header, payload and signature of a COSE_Sign1; raises Broken for anything else."""
     try:
         plain = cbor2.loads(data)
     except (cbor2.CBORDecodeError, ValueError, EOFError):
@@ -138,7 +138,7 @@ def parts(data: bytes) -> tuple[dict[int, Any], bytes, bytes]:
 
 
 def addressed(data: bytes, drone: int) -> tuple[int, int, bytes]:
-    """The activator's session and deadline around signed commands, and the envelope for a drone; raises Broken."""
+    """The activator's session and deadline of signed commands, and the envelope for one drone; raises Broken."""
     try:
         plain = cbor2.loads(data)
         version, session, deadline_ms, entries = plain[:4]
@@ -151,7 +151,7 @@ def addressed(data: bytes, drone: int) -> tuple[int, int, bytes]:
 
 
 def together(data: bytes) -> list[tuple[int, bytes]]:
-    """Each word of words together with its drone, as it was signed; none of a message that is signed as a whole."""
+    """The drone and the signed envelope of each word in words together; empty for a message signed as a whole."""
     plain = cbor2.loads(data)
     if not isinstance(plain, list) or len(plain) != 2:
         return []

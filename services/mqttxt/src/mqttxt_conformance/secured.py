@@ -1,6 +1,4 @@
-"""The kit's parts in a fleet that signs: an activator and a station for a UAV client, an activator and a drone for a
-station.
-"""
+"""The kit's roles in a fleet that signs: activator and station for a UAV client, activator and drone for a station."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ from .tap import Heard
 
 
 class SecuredUav:
-    """The kit's part in a fleet that signs: its fog's activator, and the station whose commands that passes on."""
+    """The kit's roles for a UAV client that signs: its fog's activator, and the station whose commands it forwards."""
 
     def __init__(self, folder: Folder, fog: int, drone: int, topics: FogSide) -> None:
         self.folder = folder
@@ -41,29 +39,29 @@ class SecuredUav:
         return self.name if topic.startswith(self._own) else None
 
     def sealed(self, topic: str, payload: bytes) -> bytes:
-        """What the kit says on a topic, as its activator or its station signs it."""
+        """A payload for a topic, signed by the kit's activator or station."""
         return self.envelope(topic, payload).encode()
 
     def envelope(self, topic: str, payload: bytes, seal: Seal | None = None) -> Envelope:
-        """Sealed by who says it, or by `seal`; a lease carries its signer's certificate (R12.6)."""
+        """A payload signed by the topic's sender or with `seal`; a lease carries its signer's certificate (R12.6)."""
         own = self.station if topic in self._signed_by_station else self.activator
         return (seal or own).sign(topic.removeprefix(self._topics.root), payload, with_certificate=topic == self._lease)
 
     def birth(self, gs_session: int, seal: Seal | None = None) -> bytes:
-        """A station's birth, as its activator passes it on."""
+        """A station's signed birth, as the activator passes it on."""
         seal = seal or self.station
         topic = f"gs/{seal.name.removeprefix('gs-')}/reachable"
         return seal.sign(topic, encode(Presence(session=gs_session, up=True)), with_certificate=True).encode()
 
 
 class SecuredFog:
-    """The kit's part in a fleet that signs: a fog's activator, and its drone, for which that speaks."""
+    """The kit's roles for a station that signs: a fog's activator, and the drone whose messages it passes on."""
 
     def __init__(self, folder: Folder, topics: CloudSide, drone: int) -> None:
         self.folder = folder
         self.activator = folder.seal(f"fog{topics.fog}")
         self.outside: list[tuple[int, int]] = []
-        """Of each command the activator's session and deadline, as they stand around what is signed."""
+        """The activator's session and deadline of each command; they are outside the signature."""
         self._station = f"gs-{STATION}"
         self._drone = folder.seal(f"drone{drone}")
         self._number = drone
@@ -79,7 +77,7 @@ class SecuredFog:
         return self._station if below.startswith("gs/") or topic == self._topics.init_connect else None
 
     def read(self, heard: Heard) -> Heard:
-        """As the speech has it; of a command what is signed for the drone, and of a grant what its station signed."""
+        """Unwrap a message as `speech` does; also the drone's envelope of a command, grants, and `sensor_ack`."""
         own = f"drone{self._number}/"
         as_said = {
             self._topics.drone_control(self._number): f"{own}control",
@@ -101,7 +99,7 @@ class SecuredFog:
         return heard if payload is None else replace(heard, payload=payload)
 
     def sealed(self, topic: str, payload: bytes) -> bytes:
-        """What the kit says on a topic, as its activator or its drone signs it."""
+        """A payload for a topic, signed by the kit's activator or drone."""
         below = f"{self._topics.root}drone{self._number}/"
         if topic.startswith(f"{below}commands_result/"):
             return self.word(topic, payload, self._drone)
@@ -112,6 +110,6 @@ class SecuredFog:
         return self.activator.sign(topic.removeprefix(self._topics.prefix), payload, with_certificate).encode()
 
     def word(self, topic: str, payload: bytes, seal: Seal) -> bytes:
-        """A word as its drone says it, and as its activator passes it on."""
+        """A word signed with `seal`, with the route that the activator adds."""
         below = topic.removeprefix(self._topics.root)
         return seal.sign(below, payload).routed([None, False]).encode()

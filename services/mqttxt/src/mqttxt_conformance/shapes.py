@@ -1,4 +1,4 @@
-"""Reads payloads as the specification has them: nothing here uses mqttxt's codec."""
+"""Decodes and checks payloads by the specification's tables, without mqttxt's codec."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .registry import Broken
 
 
 def read(kind: str, payload: bytes) -> dict[str, Any]:
-    """A message's fields by name, codes as their labels; raises Broken where the specification is not followed."""
+    """A message's fields by name, with labels for codes; raises Broken if it does not follow the specification."""
     table = MESSAGES[kind]
     found = _fields(kind, table, payload, REQUIRED[kind], open_ended=kind in OPEN_ENDED)
     for name, labels in (("word", WORDS), ("control", CONTROLS), ("command", COMMANDS), ("answer", ANSWERS)):
@@ -35,7 +35,7 @@ def read(kind: str, payload: bytes) -> dict[str, Any]:
 
 
 def read_state(name: str, payload: bytes, relayed: bool) -> dict[str, Any]:
-    """A state's fields and stamps by name; raises Broken."""
+    """A state's fields and stamps by name; raises Broken as `read` does."""
     if name not in STATES:
         raise Broken(f"state {name!r}: not in the specification's table")
     stamps: dict[str, Judge] = {"relay_stamp": STAMP, "stamp": STAMP} if relayed else {"stamp": STAMP}
@@ -45,7 +45,7 @@ def read_state(name: str, payload: bytes, relayed: bool) -> dict[str, Any]:
 
 
 def unbundled(payload: bytes) -> list[tuple[str, bytes]]:
-    """Each state of a drone's bundle by name, as it would be on a topic of its own; raises Broken."""
+    """The name of each state in a drone's bundle, and its payload as on its own topic; raises Broken."""
     raw, known = plain(payload), ["", *STATES]
     try:
         if isinstance(raw, dict):
@@ -58,7 +58,7 @@ def unbundled(payload: bytes) -> list[tuple[str, bytes]]:
 
 
 def apart(payload: bytes) -> list[tuple[int, bytes]]:
-    """Each word of words together with its drone, as it would have come alone; raises Broken."""
+    """The drone of each word in a fog-result, and the word as a result of its own; raises Broken."""
     fields = read("fog-result", payload)
     found: list[tuple[int, bytes]] = []
     try:
@@ -75,13 +75,13 @@ def apart(payload: bytes) -> list[tuple[int, bytes]]:
 
 
 def nested(kind: str, value: Any) -> dict[str, Any]:
-    """A message inside another one, as an answer's beacon."""
+    """The fields of a message inside another one, such as an answer's beacon."""
     plain = value if isinstance(value, dict) else dict(zip(MESSAGES[kind], value, strict=False))
     return {name: item for name, item in plain.items() if item is not None}
 
 
 def plain(payload: bytes) -> Any:
-    """What is in a payload, whatever it is; raises Broken where it is neither CBOR nor JSON."""
+    """A payload decoded without further checks; raises Broken if it is neither CBOR nor JSON."""
     try:
         return json.loads(payload) if payload[:1] == b"{" else cbor2.loads(payload)
     except (ValueError, cbor2.CBORError) as error:
@@ -114,7 +114,7 @@ def _fields(kind: str, table: dict[str, Judge], payload: bytes, required: int, o
 
 
 def shown(payload: bytes) -> str:
-    """A payload as a person reads it, shortened."""
+    """A payload as readable text of at most 120 characters."""
     try:
         text = payload.decode() if payload[:1] == b"{" else repr(cbor2.loads(payload))
     except (ValueError, cbor2.CBORError):

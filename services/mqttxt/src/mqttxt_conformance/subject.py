@@ -1,4 +1,4 @@
-"""The implementation under test as a process of the kit's own, where a command line for it was given."""
+"""The implementation under test as a child process of the kit, if a command line for it is given."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _LONGEST_LINE = 300
 
 
 class Subject:
-    """Starts and ends one command line, as often as rules need it; without one, rules that do are not tested."""
+    """Starts and ends the command line as often as rules need it; without one, rules that need it are not tested."""
 
     def __init__(self, command_line: str | None, values: dict[str, str], log: Path | None = None) -> None:
         self._arguments: list[str] = []
         self._process: asyncio.subprocess.Process | None = None
         self._output = log
-        """Where its stderr goes, with a log its stdout too: since it was started from the byte `_from_byte` on."""
+        """The file that gets its stderr, and with a log its stdout too; its newest run begins at byte `_from_byte`."""
         self._from_byte = 0
         self._unlogged: IO[bytes] | None = None
-        """The file in place of a log, which goes with the kit."""
+        """The temporary file used without a log, deleted when the kit ends."""
         if command_line is None:
             return
         try:
@@ -55,16 +55,16 @@ class Subject:
 
     @property
     def ending(self) -> str:
-        """How it ended, as `exit code 2: LINE` with the last line of its stderr; with a log, of what the log got."""
+        """How it ended, as `exit code 2: LINE` with the last line of its stderr, or with a log of that log."""
         line = self._last_line()
         return f"exit code {self.exit_code}{f': {line}' if line else ''}"
 
     def why_silent(self, waited: str) -> str:
-        """Why nothing has come of it: it has ended, or `waited` went by."""
+        """The reason why it has not appeared: it has ended, or `waited` went by."""
         return f"it ended with {self.ending}" if self.exit_code is not None else f"{waited} went by"
 
     def _last_line(self) -> str:
-        """Empty where it has written nothing since it was started, or into what is no file."""
+        """Its last line of output; empty without output since its start, or if the log is no regular file."""
         if self._output is None or not self._output.is_file():
             return ""
         with self._output.open("rb") as output:
@@ -74,7 +74,7 @@ class Subject:
         return next((printable(line.strip())[:_LONGEST_LINE] for line in reversed(lines) if line.strip()), "")
 
     async def start(self) -> None:
-        """Raises ConfigurationError where the program cannot be started."""
+        """Start the command line; raises ConfigurationError if the program cannot be started."""
         if self._output is None:
             self._unlogged = tempfile.NamedTemporaryFile(prefix="mqttxt-conformance-")  # noqa: SIM115
             self._output = Path(self._unlogged.name)
@@ -91,12 +91,12 @@ class Subject:
                 raise ConfigurationError(f"--run {self._arguments[0]!r}: {error.strerror or error}") from error
 
     def need(self) -> None:
-        """Raises NotTested where the kit cannot start the implementation."""
+        """Raises NotTested if the kit cannot start the implementation."""
         if not self.is_ours:
             raise NotTested("needs --run, so that the kit can start and end the implementation")
 
     async def ended(self, limit_s: float = END_S) -> int | None:
-        """The exit code once it has ended, None where it goes on."""
+        """Wait for its end; returns the exit code, None if it still runs."""
         assert self._process is not None
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(limit_s):
@@ -104,12 +104,12 @@ class Subject:
         return self._process.returncode
 
     def terminate(self) -> None:
-        """SIGTERM: a clean stop."""
+        """Send SIGTERM: a clean stop."""
         if self._process is not None and self._process.returncode is None:
             self._process.terminate()
 
     async def kill(self) -> None:
-        """SIGKILL: as a crash would end it."""
+        """Send SIGKILL and wait for the end: as after a crash."""
         if self._process is not None and self._process.returncode is None:
             self._process.kill()
             await self._process.wait()

@@ -1,4 +1,4 @@
-"""The kit's own connections: each keeps everything it hears, with RETAIN and expiry as they came."""
+"""The kit's own connections: each keeps every message that it receives, with its RETAIN flag and expiry."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PUBACK_S = 5.0
 
 @dataclass(frozen=True)
 class Heard:
-    """A message as it came, and when, in milliseconds of the kit's clock."""
+    """A received message, and the time of its arrival in milliseconds of the kit's clock."""
 
     at_ms: int
     topic: str
@@ -42,10 +42,9 @@ class Heard:
 
 
 class Line(ABC):
-    """What the kit hears of the other side, in the order of its arrival, and says to it.
+    """A connection of the kit: publishes messages, and keeps the received ones in order of arrival.
 
-    Where messages are signed, `seal` makes of what is published what goes to the other side, and `read` of what came
-    from there what it says.
+    Where messages are signed, `seal` signs a published payload, and `read` unwraps a received envelope.
     """
 
     def __init__(self, clock: SessionClock) -> None:
@@ -68,13 +67,13 @@ class Line(ABC):
         expiry_s: int | None = None,
         as_it_is: bool = False,
     ) -> asyncio.Future[int]:
-        """The future is the reason code with which it was acknowledged; `as_it_is`: not sealed."""
+        """Publish; the future is the acknowledgement's reason code. With `as_it_is` nothing is sealed."""
 
     @abstractmethod
     async def close(self) -> None: ...
 
     def since(self, mark: int, topic: str | None = None, below: str | None = None) -> list[Heard]:
-        """What was heard from number `mark` on, on one topic or below one."""
+        """The messages from number `mark` on, on one topic or below one if given."""
         return [
             heard
             for heard in self.heard[mark:]
@@ -82,7 +81,7 @@ class Line(ABC):
         ]
 
     async def until(self, condition: Callable[[], Any], limit_s: float) -> Any:
-        """The condition's first true value, asked anew with each message; its last value when time is up."""
+        """The condition's first true value, evaluated at each message or 0.1 s; after `limit_s` its last value."""
         deadline = self._loop.time() + limit_s
         while not (value := condition()) and (left := deadline - self._loop.time()) > 0:
             self._arrived.clear()
@@ -92,7 +91,7 @@ class Line(ABC):
         return value
 
     def take(self, heard: Heard) -> None:
-        """A message came."""
+        """Keep and report a received message."""
         heard = self.read(heard)
         self.heard.append(heard)
         self.on_heard(heard)
@@ -100,7 +99,7 @@ class Line(ABC):
 
 
 class Tap(Line):
-    """One connection to a broker; own publishes are not heard. With an `identity` it is that node's, in TLS."""
+    """One connection to a broker, by default without its own publishes; over TLS with `identity`'s certificate."""
 
     def __init__(
         self,
@@ -116,9 +115,9 @@ class Tap(Line):
         self._address = address
         self._connected: asyncio.Future[int] = self._loop.create_future()
         self.connack = Properties(PacketTypes.CONNACK)  # type: ignore[no-untyped-call]
-        """What the broker said of itself."""
+        """The properties of the broker's CONNACK."""
         self.ended: asyncio.Future[int] = self._loop.create_future()
-        """The reason code with which the broker ended the connection."""
+        """The reason code of the connection's end."""
         self._pubacks: dict[int, asyncio.Future[int]] = {}
         self._subacks: dict[int, asyncio.Future[int]] = {}
         self._client = Client(
@@ -152,7 +151,7 @@ class Tap(Line):
         clean_start: bool = True,
         properties: Properties | None = None,
     ) -> None:
-        """Raises ConfigurationError, which names the option `what`, where there is no broker or it refuses."""
+        """Connect; raises ConfigurationError, which names the option `what`, if no broker answers or it refuses."""
         if will is not None:
             self._client.will_set(*will, qos=1, retain=True, properties=will_properties)
         where = self._address.host, self._address.port, keepalive_s
@@ -169,7 +168,7 @@ class Tap(Line):
             raise ConfigurationError(f"{what} {self._address}: the broker refused with reason code 0x{code:02x}")
 
     async def subscribe(self, *filters: str, options: SubscribeOptions | None = None) -> int:
-        """By itself RETAIN comes as it was published, what the broker retains comes too, and own publishes do not.
+        """Subscribe; by default at QoS 1, with retained messages, Retain As Published and No Local.
 
         Returns the highest of the SUBACK's reason codes; raises TimeoutError without a SUBACK.
         """
@@ -191,7 +190,7 @@ class Tap(Line):
         as_it_is: bool = False,
         properties: Properties | None = None,
     ) -> asyncio.Future[int]:
-        """The future is the PUBACK's reason code, NO_PUBACK where none comes in time; `as_it_is`: not sealed."""
+        """Publish; the future is the PUBACK's reason code, NO_PUBACK after PUBACK_S; with `as_it_is` not sealed."""
         payload = payload if as_it_is or not payload else self.seal(topic, payload)
         properties = properties or Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
         if expiry_s is not None:
@@ -202,7 +201,7 @@ class Tap(Line):
         return acknowledged
 
     async def close(self, cleanly: bool = True) -> None:
-        """DISCONNECT, or as after a power loss without one."""
+        """Disconnect; if not `cleanly` without DISCONNECT, as after a power loss."""
         if cleanly:
             self._client.disconnect()
         else:
@@ -210,7 +209,7 @@ class Tap(Line):
         await self._loop.run_in_executor(None, self._client.loop_stop)
 
     def _call(self, act: Callable[..., None], *args: Any) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+        with contextlib.suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(act, *args)
 
     def _on_message(self, _client: Client, _userdata: Any, message: MQTTMessage) -> None:
@@ -233,11 +232,11 @@ class Tap(Line):
 
 
 def resolve(future: asyncio.Future[int], value: int) -> None:
-    """Set a future's result, the first time."""
+    """Set a future's result unless it has one."""
     if not future.done():
         future.set_result(value)
 
 
 async def clear_retained(tap: Line, topics: Iterable[str]) -> None:
-    """Take back what the broker retains on some topics, if it still answers."""
+    """Clear the retained messages on some topics; a missing PUBACK is ignored."""
     await asyncio.gather(*(tap.publish(topic, b"", retain=True) for topic in topics))

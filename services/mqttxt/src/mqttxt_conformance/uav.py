@@ -18,7 +18,7 @@ from .subject import Subject
 from .tap import Tap, clear_retained
 from .uav_kit import UavKit, UavTarget
 
-# Their import enters their rules, in this order.
+# Importing these modules registers their rules, in this order.
 from . import uav_commands, uav_refusals, uav_control, uav_signed, uav_two_links, uav_states  # isort: skip
 
 
@@ -29,10 +29,10 @@ ENDING = (
     presence.stops_when_refused,
     presence.does_not_start_at_another_system,
 )
-"""Rules that end the implementation; they come last."""
+"""Rules that end the implementation; they are checked last."""
 LAST_WATCHED = (uav_signed.signs_what_it_says,)
 WATCHED = uav_states.__name__
-"""Rules that are judged by everything that was heard before."""
+"""The module of rules that are judged by all earlier messages, as LAST_WATCHED are."""
 
 
 def rules(signed: bool = True) -> list[Rule]:
@@ -44,7 +44,7 @@ def rules(signed: bool = True) -> list[Rule]:
 
 
 async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callable[[Finding], None]) -> list[Finding]:
-    """Check a UAV client; raises ConfigurationError for what cannot be tested as it was asked."""
+    """Check a UAV client; raises ConfigurationError for an unreachable broker, a bad `run` or a missing identity."""
     topics = FogSide(target.fog_root)
     clock = SessionClock()
     folder, name = target.folder, f"drone{target.drone}"
@@ -82,7 +82,7 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
 
 
 async def _two(second: BrokerAddress, target: UavTarget, kit: UavKit, relays: tuple[Relay, Relay]) -> Two:
-    """The kit at the second broker, as it is at the first."""
+    """Connect the kit to the second broker in the same way as to the first."""
     folder, topics = target.folder, kit.topics
     activator = folder.identity(f"fog{target.fog}") if folder is not None else None
     tap = twin = Tap(second, f"conformance-{secrets.token_hex(4)}", kit.clock, identity=activator)

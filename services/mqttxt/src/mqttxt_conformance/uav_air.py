@@ -1,4 +1,4 @@
-"""Rules of a UAV client that comes by datagrams (section 20): the kit is the gateway, and behind it the activator."""
+"""Rules of a UAV client over datagrams (section 20): the kit is the gateway and the activator."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ from .uav_kit import PATIENCE_S, QUIET_S, UavKit, UavTarget
 
 ROLE = "uav over datagrams"
 FIRST_MS = 500
-"""When a packet is repeated first (R20.5)."""
+"""The pause before the first repetition of a packet (R20.5)."""
 QUIET_MS, LOST_S = 5000, 15.0
-"""After so long without a word of the gateway it is asked, and left (R20.9)."""
+"""The silence after which the client sends PINGREQ, and connects anew (R20.9)."""
 CONFIRM_MS = 1500
 MOST_BYTES = 69
-"""Of a state with IPv4's and UDP's headers (R20.4)."""
+"""The most for a state, with headers of IPv4 and UDP (R20.4)."""
 
 
 class Gateway(AirLine):
-    """The kit's gateway: whoever greets it last is its client."""
+    """The kit's gateway; its client is the sender of the newest CONNECT."""
 
     def on_packet(self, packet: Packet) -> None:
         if packet.kind == CONNECT:
@@ -108,7 +108,7 @@ class AirKit(UavKit):
         await super().calm()
 
     async def flown(self, message: CommandMessage, mark: int = 0) -> str:
-        """A command that was sent: written once, with one last word; the evidence."""
+        """Expect one write and one last word, `completed`, of a sent command; returns the evidence."""
         words = await self.outcome(message)
         await asyncio.sleep(QUIET_S)
         words = self.words(message.gs_session, message.seq)
@@ -129,7 +129,7 @@ class AirKit(UavKit):
         return self.air.packets(CONNECT, mark)
 
     async def greeted(self, mark: int, limit_s: float) -> None:
-        """It has come again, from another port, with the same session; raises Broken."""
+        """Wait for a CONNECT from another port with the same session; raises Broken."""
         before = {packet.sender for packet in self.air.came[:mark]}
         heard = len(self.tap.heard)
         found = await self.air.until(lambda: self.connects(mark), limit_s)
@@ -371,7 +371,7 @@ async def takes_leave(kit: AirKit) -> str:
 async def check_uav_air(
     gateway: BrokerAddress, target: UavTarget, on_finding: Callable[[Finding], None]
 ) -> list[Finding]:
-    """Check a UAV client over datagrams; raises ConfigurationError for what cannot be tested as it was asked."""
+    """Check a UAV client over datagrams; raises ConfigurationError for a gateway's port in use or a bad `run`."""
     topics, clock = FogSide(target.fog_root), SessionClock()
     host, port = target.autopilot_host, target.autopilot_port
     values = {"broker": str(gateway), "drone": str(target.drone), "autopilot": f"udp:{host}:{port}"}

@@ -1,4 +1,4 @@
-"""Rules of a UAV client about commands: what it writes to the autopilot, and what it says of it."""
+"""Rules of a UAV client about commands: what it writes to the autopilot, and which words it publishes."""
 
 from __future__ import annotations
 

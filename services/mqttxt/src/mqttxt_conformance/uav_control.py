@@ -1,4 +1,4 @@
-"""Rules of a UAV client about control: epochs, the lease that is handed down, offboard."""
+"""Rules of a UAV client about control: epochs, the activator's lease, offboard."""
 
 from __future__ import annotations
 

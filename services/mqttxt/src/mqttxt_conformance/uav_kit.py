@@ -1,4 +1,4 @@
-"""The world of a UAV client under test: the kit is its activator and its autopilot."""
+"""The environment of a UAV client under test: the kit is its activator and its autopilot."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from .tap import Heard, Line, clear_retained
 from .words import Words, words_of
 
 PATIENCE_S = 6.0
-"""How long an answer may take that no rule gives a time for."""
+"""How long an answer may take for which no rule gives a time."""
 BIRTH_S = 30.0
 LEASE_MS = 60_000
 QUIET_S = 0.4
-"""How long to listen for what must not come."""
+"""How long to listen for a message that must not arrive."""
 SLACK_MS = 250
-"""How long a datagram may be under way before its arrival proves nothing about when it was written."""
+"""The longest time assumed between the write of a datagram and its arrival at the kit."""
 
 
 class UavKit:
-    """One UAV client, seen from both its sides. Times are milliseconds of the kit's clock."""
+    """One UAV client with its broker and its autopilot. Times are milliseconds of the kit's clock."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class UavKit:
     ) -> None:
         self.secured = secured
         self.leads = True
-        """Whether a command's station is given control first, where messages are signed (R12.17)."""
+        """Whether `publish` first gives the command's station control, where messages are signed (R12.17)."""
         self._holder: int | None = None
         self._newest_ms = 0
         self.drone = drone
@@ -62,7 +62,7 @@ class UavKit:
         self.autopilot = autopilot
         self.tap = tap
         self.twin = tap
-        """A connection that may publish what is the drone's own."""
+        """A connection that may publish on the drone's own topics."""
         self._two: Two | None = None
         self.subject = subject
         self.clock = clock
@@ -78,17 +78,17 @@ class UavKit:
 
     @property
     def two(self) -> Two:
-        """For rules of a client with two connections; raises NotTested."""
+        """The second broker of a client with two connections; raises NotTested without one."""
         if self._two is None:
             raise NotTested("needs --second-broker")
         return self._two
 
     def also_at(self, two: Two) -> None:
-        """The kit is the activator at a second broker too."""
+        """Act as the activator at a second broker too."""
         self._two = two
 
     async def meet(self, mark: int = 0) -> None:
-        """Wait for a birth since `mark` and an echo; raises Broken."""
+        """Wait for a birth since `mark` and for a lease's echo; raises Broken without a birth or beacon."""
         topic = self.topics.reachable(self.drone)
 
         def born() -> Heard | None:
@@ -112,12 +112,12 @@ class UavKit:
             raise Broken(f"no beacon on {self.topics.clock(self.drone)}: no deadline can be made")
 
     def on_heard(self, heard: Heard) -> None:
-        """Beacons are taken in as they come; of a state it is kept what the clock could have read at the most."""
+        """Take beacons; keep each state with the latest time that the drone's clock can have read at its arrival."""
         latest_ms = self.remote.latest_now_ms(heard.at_ms)
         if heard.topic.startswith(self.topics.state(self.drone, "")):
             self.states.append((heard, latest_ms))
         elif heard.topic == self.topics.states(self.drone):
-            with contextlib.suppress(Broken):  # the rule about states reads it again
+            with contextlib.suppress(Broken):  # the rule about states checks the same message
                 for name, payload in shapes.unbundled(heard.payload):
                     topic = self.topics.state(self.drone, name)
                     self.states.append((replace(heard, topic=topic, payload=payload), latest_ms))
@@ -137,13 +137,13 @@ class UavKit:
         self.remote.observe(told, at_ms, self.nonces.get(beacon.get("nonce", -1)))
 
     async def echo(self, **changed: Any) -> dict[str, Any] | None:
-        """Hand a lease down; returns the beacon that echoes its nonce."""
+        """Publish a lease; returns the beacon that echoes its nonce, None without one."""
         nonce = self.lease(**changed)
         found = await self.tap.until(lambda: [b for _, b in self.beacons if b.get("nonce") == nonce], PATIENCE_S)
         return found[0] if found else None
 
     def lease(self, *, granted: bool = True, **changed: Any) -> int:
-        """Publish a lease for the session under test, with its station's grant; returns its nonce."""
+        """Publish a lease for the session under test and, if `granted`, its station's grant; returns the nonce."""
         nonce = secrets.randbelow(2**32)
         self.nonces[nonce] = self.clock.now_ms()
         fields: dict[str, Any] = {
@@ -168,14 +168,14 @@ class UavKit:
         return nonce
 
     def introduce(self, gs_session: int, seal: Seal | None = None) -> None:
-        """Where messages are signed, hand on the birth of a station's session; without a seal the first station's."""
+        """Where messages are signed, pass on a station's birth once per session; with `seal`, that station's always."""
         if self.secured is not None and (seal is not None or gs_session not in self.secured.introduced):
             self.secured.introduced.add(gs_session)
             payload = self.secured.birth(gs_session, seal)
             self.tap.publish(self.topics.stations(self.drone), payload, as_it_is=True)
 
     def grant(self, gs_session: int, until_ms: int | None, offboard_until_ms: int | None) -> None:
-        """Where messages are signed, the station's own word on how long it has control."""
+        """Where messages are signed, publish the station's grant: how long it has control."""
         if self.secured is None or until_ms is None:
             return
         grant = Grant(
@@ -188,7 +188,7 @@ class UavKit:
 
     @property
     def signing(self) -> SecuredUav:
-        """For rules that are checked where messages are signed."""
+        """`secured`, for rules checked only where messages are signed."""
         assert self.secured is not None
         return self.secured
 
@@ -199,7 +199,7 @@ class UavKit:
         return max(0, deadline_ms)
 
     def command(self, command: Command | None = None, **changed: Any) -> CommandMessage:
-        """A command that is in order, of a station of its own, but for what is changed."""
+        """A valid command of a new station, but for the `changed` fields; `ttl_ms` sets the deadline."""
         ttl_ms = changed.pop("ttl_ms", 5000)
         fields = {
             "gs_session": secrets.randbelow(2**32 - 1) + 1,
@@ -215,7 +215,7 @@ class UavKit:
         return message
 
     def lead(self, gs_session: int) -> None:
-        """Where messages are signed, give a station's session control for a while, unless it has it."""
+        """Where messages are signed, give a station's session control for LEASE_MS, unless it has control."""
         if self.secured is not None and self.leads and self._holder != gs_session:
             self.lease(holder_session=gs_session, deadline_ms=self.deadline(LEASE_MS))
 
@@ -227,28 +227,28 @@ class UavKit:
         self.tap.publish(self.topics.commands(self.drone), payload, retain=retain)
 
     def words(self, gs_session: int, seq: int = 1, mark: int = 0) -> Words:
-        """The words so far about a command; raises Broken where a result is none."""
+        """The words so far about a command; raises Broken if one of its results is malformed."""
         below = f"{self.topics.root}drone{self.drone}/commands_result/"
         return words_of(self.tap.since(mark, below=below), below, gs_session, seq)
 
     async def outcome(self, message: CommandMessage, limit_s: float = PATIENCE_S, mark: int = 0) -> Words:
-        """The words of a command up to its last one, and what comes right behind it."""
+        """Wait for a command's last word; returns its words."""
         return await self.said(message.gs_session, limit_s, message.seq, mark)
 
     async def said(self, gs_session: int, limit_s: float, seq: int = 1, mark: int = 0) -> Words:
-        """The words about an id up to a last one."""
+        """Wait for a command id's last word; returns its words."""
         await self.tap.until(lambda: self.words(gs_session, seq, mark).last, limit_s)
         return self.words(gs_session, seq, mark)
 
     async def word(self, message: CommandMessage, name: str, limit_s: float = PATIENCE_S) -> Words:
-        """The words of a command once one of them is `name`."""
+        """Wait until a command has the word `name`; returns its words."""
         await self.tap.until(lambda: name in self.words(message.gs_session, message.seq).names, limit_s)
         return self.words(message.gs_session, message.seq)
 
     async def refused(
         self, message: CommandMessage, word: str, reason: str | None = None, *, retain: bool = False
     ) -> tuple[Words, str]:
-        """Send a command that must be answered by one word and not be written; raises Broken. With the evidence."""
+        """Send a command that must end with `word`, unwritten; returns words and evidence, raises Broken."""
         mark = len(self.autopilot.written)
         self.publish(message, retain)
         words = await self.outcome(message)
@@ -265,17 +265,17 @@ class UavKit:
         expect(not written, f"{otherwise}: {_written(written)}")
 
     async def written(self, mark: int, command: int, limit_s: float = PATIENCE_S) -> list[Written]:
-        """What was written of a MAV_CMD since `mark`, once something was."""
+        """Wait until a MAV_CMD has been written since `mark`; returns those messages."""
         found: list[Written] = await self.tap.until(lambda: self.autopilot.flights(mark, command), limit_s)
         return found
 
     def read_late(self, at_ms: int, deadline_ms: int) -> bool:
-        """Whether the clock under test surely read past a deadline when what came at `at_ms` was written."""
+        """Whether a message that arrived at `at_ms` was surely written past a deadline of the drone's clock."""
         earliest = self.remote.deadline_ms(at_ms - SLACK_MS, 0)
         return earliest is not None and earliest > deadline_ms
 
     async def calm(self) -> None:
-        """Back to a disarmed autopilot that holds, acknowledges and does."""
+        """Reset the autopilot: disarmed, in hold, executing every command."""
         self.autopilot.manners.clear()
         self.autopilot.silent = False
         self.autopilot.armed, self.autopilot.mode = False, HOLD_MODE
@@ -301,7 +301,7 @@ def _written(written: list[Written]) -> str:
 
 @dataclass(frozen=True)
 class UavTarget:
-    """Where the UAV client under test is, how to start it, and its fleet and fog, if it has an identity.
+    """The UAV client under test: number, addresses, command line, and its fleet and fog if it has an identity.
 
     `second` is another broker of the same fog, for a client with two connections.
     """

@@ -1,4 +1,4 @@
-"""Rules of a UAV client about presence, identity and its end; most need an implementation that the kit starts."""
+"""Rules of a UAV client about its presence, session and end; most need an implementation that the kit starts."""
 
 from __future__ import annotations
 

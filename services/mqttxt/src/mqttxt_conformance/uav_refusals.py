@@ -1,4 +1,4 @@
-"""Rules of a UAV client about commands that it must not execute, and what it answers."""
+"""Rules of a UAV client about commands that it must not execute, and its answers to them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of a UAV client in a fleet that signs: whom it hears, how long a command and control last, what it signs."""
+"""Rules of a UAV client in a fleet that signs: what it accepts, how long commands and control last, what it signs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NONCES = (7, 2**32 - 1)
 
 
 async def _unheard(kit: UavKit, message: CommandMessage, payload: bytes, what: str) -> None:
-    """Publish bytes that are not to be heard, and then the command itself, which must be executed as if new."""
+    """Publish bytes that must be ignored, then the command itself, which must be executed as if new."""
     mark, said = len(kit.autopilot.written), len(kit.tap.heard)
     kit.tap.publish(kit.topics.commands(kit.drone), payload, as_it_is=True)
     await asyncio.sleep(QUIET_S)
@@ -52,7 +52,7 @@ async def hears_only_what_is_signed(kit: UavKit) -> str:
 
 
 def _spoiled(kit: UavKit, secured: SecuredUav, message: CommandMessage, what: str) -> bytes:
-    """A command as it is not to be heard."""
+    """A command's bytes, spoiled as `what` describes."""
     payload = encode(message)
     good = secured.envelope(kit.topics.commands(kit.drone), payload)
     if what == "another key's signature":

@@ -1,4 +1,4 @@
-"""Rules of a UAV client that are judged by what was heard all along: words, states, beacons, heartbeats."""
+"""Rules of a UAV client, judged by all words, states, beacons and heartbeats that the kit has received."""
 
 from __future__ import annotations
 

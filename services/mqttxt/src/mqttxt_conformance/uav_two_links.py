@@ -19,7 +19,7 @@ from .uav_kit import PATIENCE_S, QUIET_S, UavKit
 from .words import Words, words_of
 
 BACK_S = 15.0
-"""How long a client may take to connect again."""
+"""How long a client may take to reconnect."""
 
 
 def _presences(kit: UavKit, tap: Line, mark: int) -> list[dict[str, Any]]:
@@ -37,7 +37,7 @@ def _words(kit: UavKit, tap: Line, message: CommandMessage, mark: int = 0) -> Wo
 
 
 async def _once(kit: UavKit, message: CommandMessage, taps: tuple[Line, ...]) -> str:
-    """The same bytes over some connections: written once, with one last word, which both brokers are told."""
+    """Send the same bytes over `taps`; expect one write, and one last word that arrives at both brokers."""
     second, mark = kit.two.tap, len(kit.autopilot.written)
     kit.lead(message.gs_session)
     for tap in taps:
@@ -56,7 +56,7 @@ async def _once(kit: UavKit, message: CommandMessage, taps: tuple[Line, ...]) ->
 
 
 def _lasts(kit: UavKit, tap: Line, message: CommandMessage) -> set[bytes]:
-    """Its last words, as they came."""
+    """The payloads of a command's last words."""
     below = f"{kit.topics.root}drone{kit.drone}/commands_result/"
     said = [(heard, shapes.read("result", heard.payload)) for heard in tap.since(0, below=below)]
     own = [one for one in said if (one[1]["gs_session"], one[1]["seq"]) == (message.gs_session, message.seq)]
@@ -123,7 +123,7 @@ async def the_end_of_one_connection_is_not_the_end(kit: UavKit) -> str:
 
 
 async def _flies_on(kit: UavKit, cut: Line, other: Line, mark: int, command: Command) -> str:
-    """A connection was cut: what its will says, and a command over the other."""
+    """After a cut: check the will of that connection, and fly a command over the other one."""
     wills = await cut.until(lambda: _presences(kit, cut, mark), PATIENCE_S)
     expect(wills, f"no will within {PATIENCE_S:g} s of the cut")
     is_its = wills[0]["up"] is False and wills[0]["session"] == kit.session and wills[0].get("several") is True

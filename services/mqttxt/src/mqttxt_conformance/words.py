@@ -14,7 +14,7 @@ from .tap import Heard
 
 @dataclass
 class Words:
-    """The words about one command, in their order; `at_ms` of each in the kit's clock."""
+    """The words about one command in order of arrival, with arrival times in the kit's clock."""
 
     words: list[dict[str, Any]]
     at_ms: list[int]
@@ -33,7 +33,7 @@ class Words:
 
 
 def words_of(results: Iterable[Heard], below: str, gs_session: int, seq: int) -> Words:
-    """The words about one id among results below a topic; raises Broken where one of that id is not as specified."""
+    """The words about one command id among results below a topic; raises Broken if such a result is malformed."""
     found = Words([], [])
     for heard in results:
         try:
@@ -50,7 +50,7 @@ def words_of(results: Iterable[Heard], below: str, gs_session: int, seq: int) ->
 
 
 def names(payload: bytes, gs_session: int, seq: int) -> bool:
-    """Whether a payload that is not as specified is about an id all the same."""
+    """Whether a malformed payload still names a command id."""
     raw = shapes.plain(payload)
     if isinstance(raw, dict):
         return (raw.get("gs_session"), raw.get("seq")) == (gs_session, seq)

@@ -1,5 +1,5 @@
-"""The commands of `net`: `route` is the whole container, `shape` its emulator, `change` a link changed by hand,
-`probe` what a node does to measure its links.
+"""The commands of `net`: `route` runs the container, `shape` its emulator, `change` changes a link by hand, `probe`
+measures the links of a node.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def about() -> None:
 
 @contextmanager
 def _one_line() -> Iterator[None]:
-    """A mistake is one line: exit code 2 for a plan's, 1 for what the machine lacks."""
+    """Turn an error into one line: exit code 2 for a wrong plan, 1 for any other, as of the machine."""
     try:
         yield
     except NetError as error:

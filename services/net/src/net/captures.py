@@ -1,4 +1,4 @@
-"""One tcpdump for each port: pcap with nanosecond time stamps, and what it dropped."""
+"""One tcpdump for each port, which writes a pcap with nanosecond time stamps, and its counts of dropped packets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .interfaces import NetError, Port
 BUFFER_KIB = 16_384
 START_TIMEOUT_S = 15.0
 STOP_TIMEOUT_S = 3.0
-"""For all captures together; less than the time that compose.yaml leaves a container to end."""
+"""The limit for all captures together; less than the time that compose.yaml gives a container to end."""
 _COUNTS = {
     "captured": re.compile(r"^(\d+) packets? captured", re.MULTILINE),
     "received": re.compile(r"^(\d+) packets? received by filter", re.MULTILINE),
@@ -27,10 +27,10 @@ _COUNTS = {
 
 @dataclass(frozen=True)
 class Counts:
-    """The counts that tcpdump prints for one capture when it ends; None where it printed none.
+    """The counts that tcpdump prints for one capture when it ends; None if it printed none.
 
-    `mac` is net's own: frames from it go to the node. `captured` is in the file; what was `received` beyond it still
-    waited in the kernel's buffer at the end.
+    `mac` is net's own: frames from it are sent to the node. `captured` packets are in the file; those `received`
+    beyond them were still in the kernel's buffer at the end.
     """
 
     node: str
@@ -42,10 +42,10 @@ class Counts:
 
 
 def capture_command(port: Port, folder: Path) -> list[str]:
-    """tcpdump's arguments: whole frames, each written at once.
+    """tcpdump's arguments: whole frames, each written immediately.
 
-    Without the immediate mode the kernel hands frames over up to a second late, and those of the last second are
-    lost when the capture ends.
+    Without the immediate mode the kernel delivers frames up to a second late, and those of the last second are lost
+    when the capture ends.
     """
     return [
         *("tcpdump", "--time-stamp-precision=nano", "--immediate-mode", "--packet-buffered", "--no-promiscuous-mode"),
@@ -68,7 +68,7 @@ class Capture:
         self._reader.start()
 
     def wait_until_listening(self) -> None:
-        """Raises NetError when tcpdump does not start to capture."""
+        """Wait until tcpdump captures. Raises NetError if it does not start."""
         if not self._listening.wait(START_TIMEOUT_S) or self._process.poll() is not None:
             raise NetError(f"capture towards {self.port.node} did not start: {self.said.strip()}")
 
@@ -76,12 +76,12 @@ class Capture:
         return self._process.poll() is not None
 
     def interrupt(self) -> None:
-        """Ask the capture to write what it has, to say what it dropped, and to end."""
+        """Make the capture write its packets, print its counts, and end."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
 
     def finish(self, deadline_s: float) -> Counts:
-        """What it counted; one that has not ended by `deadline_s` (monotonic clock) is killed and has no counts."""
+        """Wait for its counts; one that has not ended by `deadline_s` (monotonic clock) is killed and has no counts."""
         try:
             self._process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -100,7 +100,7 @@ class Capture:
 
 
 def stop_all(captures: Sequence[Capture]) -> list[Counts]:
-    """End all captures at once and return what each counted."""
+    """End all captures at the same time and return their counts."""
     for capture in captures:
         capture.interrupt()
     deadline_s = time.monotonic() + STOP_TIMEOUT_S
@@ -108,14 +108,14 @@ def stop_all(captures: Sequence[Capture]) -> list[Counts]:
 
 
 def parse_counts(port: Port, said: str) -> Counts:
-    """The counts in tcpdump's last words."""
+    """Parse the counts in tcpdump's last lines."""
     found = {name: pattern.search(said) for name, pattern in _COUNTS.items()}
     numbers = {name: int(match[1]) if match else None for name, match in found.items()}
     return Counts(port.node, port.interface, port.mac, **numbers)
 
 
 def write_counts(counts: Sequence[Counts], path: Path) -> None:
-    """Write `captures.json`, whole or not at all."""
+    """Write `captures.json`, completely or not at all."""
     fresh = path.with_suffix(".new")
     fresh.write_text(json.dumps([asdict(count) for count in counts], indent=1) + "\n")
     fresh.replace(path)

@@ -1,4 +1,4 @@
-"""The end of a process, by a signal, which has to wake whoever waits."""
+"""The end of a process by a signal, which must wake a process that waits on sockets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import socket
 
 
 class Ending:
-    """SIGTERM and SIGINT, as a socket that becomes readable: a signal wakes whoever waits on sockets."""
+    """SIGTERM and SIGINT as a socket that becomes readable, so that a signal ends a wait on sockets."""
 
     def __enter__(self) -> Ending:
         self._come = False
@@ -29,7 +29,7 @@ class Ending:
         return self._come
 
     def drain(self) -> None:
-        """So that it wakes nobody twice."""
+        """Empty the socket, so that a signal does not wake twice."""
         self.wake.recv(64)
 
     def end(self) -> None:

@@ -1,8 +1,8 @@
-"""Hop by hop: what a node sends to another that is not its neighbour goes to the next node on the way there.
+"""Routing hop by hop: a frame for a node that is not a neighbour is sent to the next node on the way.
 
-Without it `net` would join all nodes directly, and a frame from a UAV to the ground station would cross one cable
-instead of three links. Each port gets a routing table of its own (ip-rule(8)), since the next hop depends on where a
-frame comes from.
+Otherwise `net` would connect all nodes directly, and a frame from a UAV to the ground station would cross one cable
+instead of three links. Each port gets its own routing table (ip-rule(8)), since the next hop depends on the port at
+which a frame arrives.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from collections.abc import Sequence
 from .interfaces import NetError, Port
 
 FIRST_TABLE = 1000
-"""Behind 253 to 255, which the kernel has taken, however many nodes there are."""
+"""Above 253 to 255, which the kernel uses, however many nodes there are."""
 PRIORITY = 100
 Link = tuple[str, str]
 
 
 def parse_links(text: str, nodes: Sequence[str]) -> tuple[Link, ...]:
-    """`LINKS` as in compose.yaml, `gs-cloud cloud-fog1 …`: pairs of nodes that make one tree. Raises NetError."""
+    """Parse `LINKS` of compose.yaml, `gs-cloud cloud-fog1 …`: pairs of nodes that form one tree. Raises NetError."""
     found: list[Link] = []
     for item in text.split():
         pair = tuple(item.split("-"))
@@ -35,7 +35,7 @@ def parse_links(text: str, nodes: Sequence[str]) -> tuple[Link, ...]:
 
 
 def next_hops(links: Sequence[Link]) -> dict[tuple[str, str], str]:
-    """For each (node, destination) the neighbour of the node that is next on the way."""
+    """For each (node, destination) the node's neighbour that is next on the way."""
     neighbours: dict[str, list[str]] = {}
     for one, other in links:
         neighbours.setdefault(one, []).append(other)
@@ -53,7 +53,7 @@ def next_hops(links: Sequence[Link]) -> dict[tuple[str, str], str]:
 
 
 def routing_commands(ports: Sequence[Port], links: Sequence[Link]) -> str:
-    """What `ip -batch` has to do: for each port a rule, and a route to every node that is not a neighbour."""
+    """The input of `ip -batch`: for each port a rule, and a route to every node that is not a neighbour."""
     by_node = {port.node: port for port in ports}
     hops = next_hops(links)
     lines = []
@@ -67,7 +67,7 @@ def routing_commands(ports: Sequence[Port], links: Sequence[Link]) -> str:
 
 
 def route_by_hops(ports: Sequence[Port], links: Sequence[Link]) -> None:
-    """Raises NetError with what `ip` says."""
+    """Set the routes. Raises NetError with the error of `ip`."""
     done = subprocess.run(
         ["ip", "-batch", "-"], input=routing_commands(ports, links), capture_output=True, text=True, check=False
     )

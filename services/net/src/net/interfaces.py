@@ -1,4 +1,4 @@
-"""Interfaces by their address: in a container with many, neither their names nor their order are stable."""
+"""Finds interfaces by address: in a container with many, neither their names nor their order are stable."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ STATUS_FILE = Path("/proc/self/status")
 NET_ADMIN = 12
 """The capability's number (linux/capability.h)."""
 OFFLOADS = ("tso", "gso", "gro", "tx", "rx")
-"""With any of them on, a capture shows frames that were never on a wire."""
+"""If any of them is on, a capture shows frames that were never on a wire."""
 
 
 class NetError(Exception):
-    """Something about the network is not as it has to be; the text names it and what was expected."""
+    """The network is not as required; the text names the fault and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class Port:
-    """`net`'s interface towards a node; `mac` is its own, so that a captured frame shows which way it went."""
+    """The interface of `net` towards a node; its own `mac` shows the direction of a captured frame."""
 
     node: str
     cable: Cable
@@ -37,7 +37,8 @@ class Port:
 
 
 def parse_nodes(text: str) -> dict[str, Cable]:
-    """`NODES` as in compose.yaml, `gs=198.18.0.2,198.18.0.3 cloud=…`: names, net's address towards each, its own."""
+    """Parse `NODES` of compose.yaml, `gs=198.18.0.2,198.18.0.3 cloud=…`: each node's name, net's address towards it and
+    its own. Raises NetError."""
     found: dict[str, Cable] = {}
     for item in text.split():
         node, _, addresses = item.partition("=")
@@ -51,7 +52,7 @@ def parse_nodes(text: str) -> dict[str, Cable]:
 
 
 def find_ports(nodes: dict[str, Cable], ip_addr_json: str) -> list[Port]:
-    """The port of every node, from the output of `ip -json addr`; raises NetError when one is missing."""
+    """The port of every node, from the output of `ip -json addr`. Raises NetError if one is missing."""
     by_address = {
         info["local"]: (link["ifname"], link.get("address", ""))
         for link in json.loads(ip_addr_json)
@@ -71,7 +72,7 @@ def read_ports(nodes: dict[str, Cable]) -> list[Port]:
 
 
 def check_rights() -> None:
-    """Raises NetError without CAP_NET_ADMIN, which every command here needs."""
+    """Raise NetError without CAP_NET_ADMIN, which every command here needs."""
     lines = STATUS_FILE.read_text().splitlines()
     effective = next(line.split()[1] for line in lines if line.startswith("CapEff:"))
     if not int(effective, 16) >> NET_ADMIN & 1:
@@ -79,7 +80,7 @@ def check_rights() -> None:
 
 
 def turn_off_offloads(port: Port) -> None:
-    """Raises NetError where an offload stays on."""
+    """Turn off a port's offloads. Raises NetError if one stays on."""
     flags = [word for offload in OFFLOADS for word in (offload, "off")]
     subprocess.run(["ethtool", "-K", port.interface, *flags], check=False, capture_output=True)
     shown = subprocess.run(["ethtool", "-k", port.interface], check=True, capture_output=True, text=True).stdout

@@ -1,6 +1,6 @@
-"""The plan of a run's links: what the testbed draws from a profile, and what `net` shapes by.
+"""The plan of a run's links, which the testbed draws from a profile, and by which `net` shapes them.
 
-Both sides take these classes and constants from here. It is data alone, and imports nothing of `net`.
+Both sides import these classes and constants from here. The module has only data, and imports nothing of `net`.
 """
 
 from __future__ import annotations
@@ -10,27 +10,27 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 VERSION = 1
-"""Of a plan."""
+"""The version of a plan."""
 RUN_VERSION = 1
-"""Of `plan.json`, which has a plan beside the shaper, the kernel's commands and the gates."""
+"""The version of `plan.json`, which has a plan with the shaper, the kernel's commands and the gates."""
 DIRECTIONS = ("up", "down")
 DISTRIBUTIONS = ("normal", "uniform", "pareto")
 SLOT_JITTERS = {"normal": 5, "uniform": 5, "pareto": 10}
-"""How long a slot of the emulator's jitter is, in jitters: the delay falls slower than time passes, also in a steep
-tail.
+"""The length of a slot of the emulator's jitter, in jitters. With it the delay falls slower than time passes, also in a
+steep tail.
 """
 SHAPERS = ("auto", "netem", "nfqueue")
 
 
 @dataclass(frozen=True)
 class LinkPlan:
-    """What a shaper does to one directed link: `rate_bps` with its queue first, then delay and all the rest.
+    """The figures by which one directed link is shaped: `rate_bps` with its queue first, then delay and all others.
 
     rate_bps       bits of Ethernet frames without FCS per second; None: unlimited
-    queue_packets  frames that the rate stage holds, the one that is being sent included; one more is dropped
-    shared_with    the other direction, where both take turns at the one rate
-    delay_us       the mean
-    jitter_us      what the distribution is scaled by: its deviation (normal, pareto), or either side (uniform)
+    queue_packets  frames that the rate stage holds, including the one being sent; one more is dropped
+    shared_with    the other direction, if both take turns at one rate
+    delay_us       the mean delay
+    jitter_us      the scale of the distribution: its deviation (normal, pareto), or the width to either side (uniform)
     reordering     whether jitter may let a frame overtake another
     loss, duplicate, corrupt, reorder  shares of frames
     """
@@ -49,13 +49,13 @@ class LinkPlan:
 
     @property
     def is_shaped(self) -> bool:
-        """Whether anything at all is done to its frames."""
+        """Whether anything is done to its frames."""
         return self != type(self)(distribution=self.distribution, reordering=self.reordering)
 
 
 @dataclass(frozen=True)
 class EventPlan:
-    """From `at_s` on, for `for_s` seconds, `change` stands above a link's figures; `closed` lets nothing through.
+    """From `at_s` on, for `for_s` seconds, `change` overrides a link's figures; `closed` lets nothing through.
 
     Times are since the links' clock began.
     """
@@ -76,7 +76,7 @@ class Plan:
     events: tuple[EventPlan, ...] = ()
 
     def to_data(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """The plan for JSON."""
         return {
             "version": VERSION,
             "profile": self.profile,
@@ -88,7 +88,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Gate:
-    """A link, both ways, that is open while a drone is within `range_m` of a place on the ground."""
+    """A link that is open, in both directions, while a drone is within `range_m` of a place on the ground."""
 
     link: str
     drone: int

@@ -1,19 +1,19 @@
 """`net probe`: sends and receives datagrams on a node by a schedule, to measure the links of an idle network.
 
-The schedule is JSON, the only argument or on stdin; each node gets its own flows, all with the same beginning:
+The schedule is JSON, as the only argument or on stdin. Each node gets its own flows; all nodes have the same start:
 
     {"run": 7, "begin_ns": 1790000000000000000, "end_s": 5.2,
      "flows": [{"flow": 1, "to": "198.18.1.3", "at_s": 0.1, "burst": 1, "every_s": 0.025, "count": 40,
                 "bytes": 100, "timed": true}]}
 
 `begin_ns` is by the system's clock, which all containers of a host share. A flow sends `burst` datagrams at once at
-`at_s`, the others one every `every_s`; `bytes` is the whole Ethernet frame. It prints what it did and what it got:
+`at_s`, then one every `every_s`; `bytes` is the whole Ethernet frame. The output has what was sent and what arrived:
 
     {"late_ms": 0, "overflowed": 0, "sent": {"1": 40}, "arrived": {"2": {"count": 1, "rows": [[0, 100012, 5100200]]}}}
 
-A row is number, when it was sent and when the kernel received it, in nanoseconds since the beginning; datagrams that
-are not `timed` are only counted. With `late_ms` above zero it began after the beginning, and nothing was sent.
-`overflowed` is what the kernel dropped because this program did not read it in time.
+A row is a datagram's number, when it was sent and when the kernel received it, in nanoseconds since the start;
+datagrams that are not `timed` are only counted. If `late_ms` is above zero, the probe began too late and sent nothing.
+`overflowed` counts the datagrams that the kernel dropped because this program did not read them in time.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from typing import Any
 
 PORT = 19_799
 HEAD = struct.Struct(">IHHIQ")
-"""Run, flow, whether timed, number, when it was sent."""
+"""Run, flow, whether timed, number, send time."""
 SMALLEST_FRAME = 14 + 20 + 8 + HEAD.size
 LARGEST_FRAME = 1_514
 BUFFER_BYTES = 8 << 20
 BATCH = 64
-"""Datagrams sent before those that came are read."""
+"""Datagrams sent before received ones are read."""
 SO_TIMESTAMPNS = 35
 SO_RXQ_OVFL = 40
 _STAMP = struct.Struct("@ll")
@@ -48,7 +48,7 @@ _KINDS |= {"count": (int,), "bytes": (int,), "timed": (bool,)}
 
 
 class ProbeError(Exception):
-    """What is wrong in one line; `exit_code` is 2 where the schedule is."""
+    """The fault in one line; `exit_code` is 2 for a wrong schedule."""
 
     def __init__(self, text: str, exit_code: int = 1) -> None:
         super().__init__(text)
@@ -69,13 +69,13 @@ class Flow:
     timed: bool
 
     def due_ns(self, number: int) -> int:
-        """Since the beginning."""
+        """When a datagram is due, in ns since the start."""
         return int((self.at_s + max(0, number - self.burst + 1) * self.every_s) * _NS)
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """What one node sends, and until when it receives."""
+    """The flows that one node sends, and until when it receives."""
 
     run: int
     begin_ns: int
@@ -85,14 +85,14 @@ class Schedule:
 
 @dataclass
 class Arrived:
-    """What came of one flow."""
+    """The datagrams that arrived of one flow."""
 
     count: int = 0
     rows: list[tuple[int, int, int]] = field(default_factory=list)
 
 
 def parse_schedule(text: str) -> Schedule:
-    """Raises ProbeError naming the field, its value and what was expected."""
+    """Parse a schedule. Raises ProbeError that names the field, its value and what was expected."""
     try:
         found = json.loads(text)
     except ValueError as error:
@@ -146,7 +146,7 @@ class Probe:
             raise ProbeError(f"UDP port {port}: {error.strerror}; expected no other probe on this node") from error
 
     def run(self) -> dict[str, Any]:
-        """What was sent and what arrived, as JSON has it."""
+        """Carry out the schedule; returns the content of the output: what was sent and what arrived."""
         schedule = self._schedule
         late_ns = time.time_ns() - schedule.begin_ns
         if late_ns > 0:
@@ -193,7 +193,7 @@ class Probe:
                 heapq.heapreplace(due, (begin_ns + flow.due_ns(number + 1), place))
 
     def _receive(self) -> None:
-        """All that has come. What is of another run came late."""
+        """Read all received datagrams; those of another run, which came late, are ignored."""
         begin_ns, run = self._schedule.begin_ns, self._schedule.run
         while True:
             try:
@@ -219,7 +219,7 @@ class Probe:
 
 
 def probe(text: str) -> str:
-    """Carry out a schedule; the JSON of what came of it. Raises ProbeError."""
+    """Carry out a schedule; returns the output in JSON. Raises ProbeError."""
     made = Probe(parse_schedule(text))
     try:
         return json.dumps(made.run(), separators=(",", ":"))
@@ -228,7 +228,7 @@ def probe(text: str) -> str:
 
 
 def main(words: list[str]) -> int:
-    """Exit code 2 for a wrong schedule, 1 where it cannot be carried out."""
+    """Run the command; exit code 2 for a wrong schedule, 1 if it cannot be carried out."""
     if len(words) > 1:
         print("net probe: expected one schedule, as JSON", file=sys.stderr)
         return 2

@@ -1,4 +1,4 @@
-"""`net route` at work: routes, captures and shaped links, watched until the end."""
+"""The work of `net route`: sets up routes, captures and shaped links, and watches them until the end."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ WATCH_S = 1.0
 
 
 def route(captures: Path, links: Path, control: Path, ready_file: Path) -> None:
-    """Until SIGTERM or SIGINT. Raises NetError, PlanError where the plan of the links cannot be carried out."""
+    """Route until SIGTERM or SIGINT. Raises NetError, or PlanError if the plan of the links cannot be carried out."""
     run = read_run_plan(links / "plan.json")
     check_rights()
     if Path("/proc/sys/net/ipv4/ip_forward").read_text().strip() != "1":

@@ -46,7 +46,7 @@ def main(
 
 
 async def _until_signal(node: Node) -> str | None:
-    """Why the node ended by itself; None when a signal ended it."""
+    """Run the node until a signal; returns the reason if it ends before."""
     running = asyncio.create_task(node.run())
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, running.cancel)

@@ -1,4 +1,4 @@
-"""Which routers a node runs: mavp2p's arguments, a line each, from the environment that compose.yaml gives."""
+"""The routers of a node: mavp2p's arguments, one line per router, from the environment that compose.yaml sets."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ _VARIABLES = {"per-uav": "PER_UAV", "shared": "SHARED"}
 
 
 class ChainError(Exception):
-    """A chain that cannot be run: its text names what, the value and what was expected."""
+    """A chain that cannot be run; the text names the option or variable, its value and the expected one."""
 
 
 @dataclass(frozen=True)
 class Router:
-    """One mavp2p: its arguments, and the system ids of the autopilots whose heartbeats have to come through it."""
+    """One mavp2p: its arguments, and the system ids of the autopilots that it must hear for the node to be ready."""
 
     arguments: tuple[str, ...]
     drones: tuple[int, ...]
@@ -26,7 +26,7 @@ class Router:
 
 
 def parse_drones(text: str) -> tuple[int, ...]:
-    """`1,2,3` as system ids; raises ChainError."""
+    """System ids from `1,2,3`; raises ChainError for other text."""
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isascii() and part.isdecimal() and 1 <= int(part) <= 250 for part in parts):
         raise ChainError(f"--drones {text!r}: expected system ids from 1 to 250, as 1,2,3")
@@ -38,8 +38,8 @@ def read_chain(
 ) -> tuple[Router, ...]:
     """A node's routers: one for each drone in `per-uav`, one for all in `shared`, none in `direct`.
 
-    `only` are the drones that fly, where not all do: the others have no router, and nobody waits for them.
-    Raises ChainError for another chain, a variable that is missing, or one with other than so many lines.
+    `only` are the drones that fly, if not all do: a router waits for these alone, and one without any is left out.
+    Raises ChainError for an unknown chain, or a variable that is missing or has not one line per router.
     """
     if chain not in CHAINS:
         raise ChainError(f"--chain {chain!r}: expected one of {', '.join(CHAINS)}")

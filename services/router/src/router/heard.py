@@ -1,4 +1,4 @@
-"""mavp2p's lines about the nodes that it hears, and which of its lines are worth keeping."""
+"""Reads mavp2p's log: the nodes that it hears, and the lines that are worth showing."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ _STARTED = re.compile(r"router started with \d+ endpoints?$")
 _APPEARED = re.compile(r"node appeared: chan=(\S+) sid=(\d+) cid=1$")
 _GONE = re.compile(r"node disappeared: chan=(\S+) sid=(\d+) cid=1$")
 _VARIES = re.compile(r"^\S+ \S+ |\S+:\d+->")
-"""The date, and the port that a channel sent from before it was closed."""
+"""Differs between repeated lines: the date, and the source port of a closed channel."""
 
 
 class Heard:
-    """What one mavp2p is at, by its log: whether it listens, and the autopilots (component 1) that it knows now."""
+    """The state of one mavp2p, from its log: whether it listens, and the autopilots (component 1) that it knows now."""
 
     def __init__(self) -> None:
         self.listening = False
@@ -21,12 +21,12 @@ class Heard:
         self._said: Counter[str] = Counter()
 
     def line(self, text: str) -> bool:
-        """Take a line in; whether it is to be shown.
+        """Take a log line; returns whether to show it.
 
-        What mavp2p repeats is shown once: a line for every command to a system that it has not heard, and two every
-        2 s while nobody listens where it sends to.
+        Repeated lines are shown once: mavp2p writes one for every command to a system that it has not heard, and two
+        every 2 s while nothing listens at its destination.
         """
-        if _STARTED.search(text):  # said once its sockets are bound
+        if _STARTED.search(text):  # logged once its sockets are bound
             self.listening = True
         if found := _APPEARED.search(text):
             self._channels.setdefault(int(found[2]), set()).add(found[1])

@@ -1,4 +1,4 @@
-"""The node as processes: starts every mavp2p in its turn, follows the output of each, and ends all when one ends."""
+"""Runs a node's mavp2p processes: starts them in the node's turn, follows their output, ends all when one ends."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ STOP_TIMEOUT_S = 2.0
 
 @dataclass(frozen=True)
 class Turn:
-    """When a node's routers start: once the file `after` is there. `listening` is there while all of them listen.
+    """Orders the start of nodes: routers start once the file `after` exists; `listening` exists while all listen.
 
-    A mavp2p that sends to a neighbour before that listens is refused, and closes its socket to open another. Over a
-    link with a delay the neighbour may have begun to listen meanwhile: it then knows both, and for a minute sends
-    every other message to the one that is closed.
+    A mavp2p that sends to a neighbour before that one listens is refused, and replaces its socket. Over a link with a
+    delay the neighbour may have begun to listen meanwhile: it then knows both sockets, and for a minute sends every
+    other message to the closed one.
     """
 
     after: Path | None
     listening: Path | None
 
     async def wait(self) -> None:
-        """Until it has come."""
+        """Wait until the file `after` exists."""
         if self.after is not None and not self.after.exists():
             print(f"waiting for {self.after}, where the next node's routers say that they listen", flush=True)
             while not self.after.exists():
                 await asyncio.sleep(LOOK_S)
 
     def tell(self) -> str | None:
-        """Report that all listen; returns why that failed."""
+        """Create the file `listening`; returns the error if that fails."""
         try:
             if self.listening is not None:
                 self.listening.touch()
@@ -51,7 +51,7 @@ class Turn:
 
 
 class Node:
-    """A node's routers. `ready_file` is touched while each of them hears its autopilots; always where there is none."""
+    """A node's routers. `ready_file` is touched while each of them hears its autopilots; always if there is none."""
 
     def __init__(self, program: str, routers: tuple[Router, ...], ready_file: Path, turn: Turn) -> None:
         self._program = program
@@ -61,7 +61,7 @@ class Node:
         self._heard = {router: Heard() for router in routers}
 
     async def run(self) -> str:
-        """Run until cancelled; returns why when a router ended by itself, or could not be started."""
+        """Run until cancelled; returns the reason if a router ends or cannot start, or a file cannot be written."""
         await self._turn.wait()
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(self._turn.take_back)
@@ -101,7 +101,7 @@ class Node:
                     await process.wait()
 
     async def _follow(self, router: Router, process: Process) -> str:
-        """Pass on a router's output, until it ends; returns how it ended."""
+        """Print a router's output until it ends; returns the reason for the end."""
         assert process.stdout is not None
         said = ""
         async for line in process.stdout:

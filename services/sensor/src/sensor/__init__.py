@@ -1,1 +1,1 @@
-"""A sensor node of the field: what it measures comes from a model, how it publishes is MQTT-XT."""
+"""A sensor node of the field: its values come from a model, and it publishes them by MQTT-XT."""

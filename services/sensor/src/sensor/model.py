@@ -1,7 +1,7 @@
-"""What a sensor would measure: a day's course with slow noise. The same seed and time give the same value.
+"""A model of a sensor's values: a daily course with slow noise. The same seed and time give the same value.
 
-The noise is first-order autoregressive over the seconds since 1970, cut off after `_MEMORY` of them so that it
-depends on nothing but seed and time, and bounded by its amplitude.
+The noise is first-order autoregressive over the seconds since 1970, cut off after `_MEMORY` seconds so that it
+depends on seed and time alone, and bounded by its amplitude.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from math import cos, exp, pi
 
 DAY_S = 86_400
 _KEEPS = 0.9
-"""How much of a second's noise is left in the next."""
+"""The share of a second's noise that remains in the next."""
 _MEMORY = 64
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A kind of value: its course over a day (0 to 1) in its unit, how far noise goes, its bounds and decimals."""
+    """A kind of value: its course over a day (0 to 1) in its unit, the noise's amplitude, its bounds and decimals."""
 
     kind: str
     unit: str
@@ -37,7 +37,7 @@ def _warmth(day: float) -> float:
 
 
 def _sun(day: float) -> float:
-    """Nought at night, 1 at noon UTC."""
+    """0 at night, 1 at noon UTC."""
     return max(0.0, -cos(2 * pi * day))
 
 
@@ -52,7 +52,7 @@ QUANTITIES = {
 
 
 def value(kind: str, unix_ms: int, seed: int) -> float:
-    """What is measured of a kind at a time, rounded as such a sensor would."""
+    """The value of a kind at a time in ms since 1970, rounded to the kind's decimals."""
     quantity = QUANTITIES[kind]
     second, part_ms = divmod(unix_ms, 1000)
     course = quantity.course(unix_ms / 1000 % DAY_S / DAY_S)
@@ -63,12 +63,12 @@ def value(kind: str, unix_ms: int, seed: int) -> float:
 
 @lru_cache(maxsize=64)
 def noise(kind: str, second: int, seed: int) -> float:
-    """Between -1 and 1, much like the second before."""
+    """A second's noise, from -1 to 1, close to that of the second before."""
     return (1 - _KEEPS) * sum(_KEEPS**ago * _shock(kind, second - ago, seed) for ago in range(_MEMORY))
 
 
 @lru_cache(maxsize=1024)
 def _shock(kind: str, second: int, seed: int) -> float:
-    """What is new in a second: evenly spread from -1 to 1."""
+    """The new part of a second's noise, uniform from -1 to 1."""
     digest = hashlib.blake2b(f"{seed}/{kind}/{second}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "big") / 2**63 - 1

@@ -1,6 +1,6 @@
-"""A sensor node as a state machine: it measures on schedule and keeps each reading until somebody has it.
+"""A sensor node as a state machine: it measures on schedule and keeps each reading until it is stored elsewhere.
 
-That is the drone, which acknowledges what it has stored; a plain broker's PUBACK is all that is heard of it.
+A drone acknowledges the readings that it has stored; of a plain broker the PUBACK is the only sign.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from .model import QUANTITIES, value
 
 LINK = "broker"
 _REFUSED = 0x80
-"""From here on a PUBACK's reason code says no (MQTT 5.0, 2.4)."""
+"""The lowest reason code by which a PUBACK refuses a message (MQTT 5.0, 2.4)."""
 WINDOW = 100
-"""Readings that may be on their way at once."""
+"""The most readings that may be sent and unacknowledged at once."""
 
 
 @dataclass(frozen=True)
 class SensorOptions:
-    """What is measured and when.
+    """What a sensor measures and when.
 
-    rate_hz       readings of each kind a second
-    samples       of each kind, None for no end
-    keep          unacknowledged readings that are kept
-    when_reached  nothing is measured before the first connection
-    stays         it goes on, connected, when all is measured
-    plain         the broker belongs to no drone: readings are safe with its PUBACK
+    rate_hz       readings of each kind per second
+    samples       readings of each kind in all, None for no end
+    keep          the most unacknowledged readings that are kept
+    when_reached  measure nothing before the first connection
+    stays         stay connected when all samples are measured
+    plain         the broker belongs to no drone: its PUBACK means that a reading is stored
     """
 
     number: int = 1
@@ -53,21 +53,21 @@ class SensorOptions:
 
 @dataclass(frozen=True)
 class Measured:
-    """A reading was made, for the record."""
+    """A reading was measured; for the event file."""
 
     reading: Reading
 
 
 @dataclass(frozen=True)
 class Dropped:
-    """A reading was given up, because newer ones needed its room."""
+    """A reading was dropped to make room for newer ones."""
 
     reading: Reading
 
 
 @dataclass(frozen=True)
 class Finished:
-    """All that was to be measured is measured, and stored on the drone or given up."""
+    """All samples are measured, and each reading is stored elsewhere or dropped."""
 
 
 Output = Effect | Measured | Dropped | Finished
@@ -75,7 +75,7 @@ Output = Effect | Measured | Dropped | Finished
 
 @dataclass
 class _Kept:
-    """A reading that the drone has not acknowledged; `retry` from the broker's PUBACK on."""
+    """A reading that is not acknowledged yet; `retry` is set from the broker's PUBACK on."""
 
     reading: Reading
     is_sent: bool = False
@@ -85,7 +85,7 @@ class _Kept:
 class SensorNode:
     """One boot of a sensor. Times are milliseconds of its session clock; `unix_ms` reads its wall clock.
 
-    With a `seal` it signs its readings, and hears what a drone has signed alone.
+    With a `seal` it signs its readings, and accepts only acknowledgements that a drone has signed.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class SensorNode:
         self._under_way = 0
 
     def on_connected(self, link: str, now_ms: int) -> list[Output]:
-        """A drone's acknowledgements have to be subscribed to first."""
+        """Subscribe to the drone's acknowledgements first; to a plain broker send at once."""
         self._was_reached = True
         if self.options.plain:
             self._is_up = True
@@ -118,12 +118,12 @@ class SensorNode:
         return [Subscribe(LINK, (self.side.ack,), live_only=True)]
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Output]:
-        """Acknowledgements can be heard from now on."""
+        """Send, now that acknowledgements can arrive."""
         self._is_up = True
         return self._send(now_ms)
 
     def on_disconnected(self, link: str, now_ms: int) -> list[Output]:
-        """What was under way may be lost."""
+        """Mark all readings as not sent: they may be lost."""
         self._is_up = False
         self._under_way = 0
         for kept in self._kept.values():
@@ -131,7 +131,7 @@ class SensorNode:
         return []
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
-        """`sensor_ack`: of all sensors of the drone."""
+        """Forget readings named in a `sensor_ack` (for all sensors of the drone)."""
         try:
             keys = decode(ReadingAck, self._of_drone(message.payload)).readings
         except PayloadError as error:
@@ -141,7 +141,7 @@ class SensorNode:
         return self._send(now_ms)
 
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Output]:
-        """The broker has it: the drone's word is waited for. A plain broker that refused it is asked again later."""
+        """Forget a reading that a plain broker has taken; any other is repeated later, until `sensor_ack` names it."""
         kept = self._kept.get(ref) if isinstance(ref, ReadingKey) else None
         if kept is not None and self.options.plain and code < _REFUSED:
             self._forget(kept.reading.key)
@@ -151,13 +151,13 @@ class SensorNode:
         return []
 
     def on_identity(self, now_ms: int) -> list[Output]:
-        """A renewed key signs from now on."""
+        """Sign with the renewed key from now on."""
         if self._channel.seal is not None:
             self._channel.seal.on_identity()
         return []
 
     def tick(self, now_ms: int) -> list[Output]:
-        """Measure what is due, send what is new, send again what was not acknowledged in time."""
+        """Measure due readings, send new ones, and repeat those that were not acknowledged in time."""
         out = self._measure(now_ms) + self._send(now_ms)
         if self._is_up:
             sent = takewhile(lambda kept: kept.is_sent, self._kept.values())  # they are the oldest
@@ -209,7 +209,7 @@ class SensorNode:
             self._under_way -= 1
 
     def _send(self, now_ms: int) -> list[Output]:
-        """What was not sent on this connection, oldest first, as far as the window goes."""
+        """Send readings that were not sent on this connection, oldest first, while the window has room."""
         out: list[Output] = []
         if not self._is_up or self._under_way >= WINDOW:
             return out
@@ -228,7 +228,7 @@ class SensorNode:
         return self._channel.publish(topic, reading.message, qos=1, ref=reading.key, with_certificate=True)
 
     def _of_drone(self, payload: bytes) -> bytes:
-        """An acknowledgement; where this sensor signs, raises PayloadError for one that no drone has signed."""
+        """An acknowledgement's payload; if this sensor signs, raises PayloadError for one that no drone has signed."""
         seal = self._channel.seal
         if seal is None:
             return payload

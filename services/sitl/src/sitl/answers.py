@@ -1,4 +1,4 @@
-"""What answers to commands are made of, whoever flies: results, acknowledgements and the event of each command."""
+"""Parts of answers to commands, common to all kinds of autopilot: results, COMMAND_ACK, and the command's event."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def received(message: Any) -> Happened:
 
 
 def acknowledgement(message: Any, result: int, progress: int = 0) -> mavlink.MAVLink_command_ack_message:
-    """COMMAND_ACK to whoever sent the command; `progress` in percent, 255 unknown."""
+    """COMMAND_ACK to the sender of the command; `progress` in percent, 255 for unknown."""
     source = (message.get_srcSystem(), message.get_srcComponent())
     return mavlink.MAVLink_command_ack_message(message.command, result, progress, 0, *source)
 

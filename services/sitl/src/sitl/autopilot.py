@@ -1,4 +1,4 @@
-"""What every kind of autopilot is: armed or not, in a mode, on the ground or flying; no I/O, time moves by `step`."""
+"""The state that all kinds of autopilot share: armed, mode, on the ground or in flight. No I/O; `step` moves time."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from .plans import Plans
 
 STEP_S = 0.02
 FALL_M_S = -10.0
-"""What is left of flight when the motors are stopped in the air."""
+"""Terminal speed of the fall after the motors were stopped in the air."""
 ON_GROUND, IN_AIR = int(mavlink.MAV_LANDED_STATE_ON_GROUND), int(mavlink.MAV_LANDED_STATE_IN_AIR)
 TAKEOFF, LANDING = int(mavlink.MAV_LANDED_STATE_TAKEOFF), int(mavlink.MAV_LANDED_STATE_LANDING)
 
 
 class FlightMode(Enum):
-    """A kind's modes."""
+    """The flight modes of one kind of autopilot."""
 
     @property
     def custom_mode(self) -> int:
-        """As HEARTBEAT carries it."""
+        """The mode's number in HEARTBEAT."""
         raise NotImplementedError
 
 
 class Autopilot(ABC):
-    """One multicopter. What changes by itself comes out of `step`, what a caller changes out of `take_out`.
+    """One multicopter. `step` returns the outputs of passing time, `take_out` those of a caller's changes.
 
-    `rest` is the mode in which it waits for whoever flies it. The land detector takes it for flying `unlanded_s` after
-    the motors speed up, and for landed after `grounded_s` on the ground.
+    `rest` is the mode in which it waits for commands. The land detector reports flight `unlanded_s` after the motors
+    speed up, and a landing after `grounded_s` on the ground.
     """
 
     rest: ClassVar[FlightMode]
@@ -61,7 +61,7 @@ class Autopilot(ABC):
         self._landed_s = 0.0
         self._touched_s: float | None = None
         self._lift_s: float | None = None
-        """When the motors began to speed up for a flight; None on the ground without one."""
+        """When the motors began to speed up for a flight, s; None on the ground before one."""
         self._flown = False
         self._out: list[Output] = []
 
@@ -77,10 +77,10 @@ class Autopilot(ABC):
     @property
     @abstractmethod
     def has_target(self) -> bool:
-        """Whether it flies to a place of its own choice, and tells which."""
+        """Whether it flies to a place, and reports that as POSITION_TARGET_GLOBAL_INT."""
 
     def step(self, dt_s: float = STEP_S) -> list[Output]:
-        """Fly on for `dt_s`."""
+        """Fly for `dt_s`, and return the outputs."""
         self.now_s += dt_s
         if self.armed:
             self._fly(dt_s)
@@ -93,21 +93,21 @@ class Autopilot(ABC):
         return self.take_out()
 
     def take_out(self) -> list[Output]:
-        """What followed from the calls since the last time, in order."""
+        """Return and clear the outputs of the calls since the last time, in order."""
         out, self._out = self._out, []
         return out
 
     @abstractmethod
     def _fly(self, dt_s: float) -> None:
-        """Armed: what the mode does."""
+        """Fly one step of the mode; called while armed."""
 
     @abstractmethod
     def _wants_up(self) -> bool:
-        """Whether the mode, or an aim of it, leads upwards from the ground."""
+        """Whether the mode, or its target, leads upwards from the ground."""
 
     @abstractmethod
     def _disarm_when_due(self) -> None:
-        """Armed on the ground: for how long yet."""
+        """Disarm if it is time; called while armed on the ground."""
 
     def _notice_ground(self) -> None:
         on_ground = self.motion.position[2] <= 0.0 and self.motion.velocity[2] <= 0.0
@@ -129,7 +129,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def arm(self) -> None:
-        """Home is where the drone is armed."""
+        """Start the motors, and set home to the present place."""
 
     @abstractmethod
     def disarm(self) -> None:
@@ -140,7 +140,7 @@ class Autopilot(ABC):
         """Change the mode, as a pilot can at any time."""
 
     def put_back(self, *, altitude_m: float, armed: bool) -> None:
-        """Into a starting state for an experiment: at home, at rest, on the ground or hovering (then always armed)."""
+        """Put it into an experiment's starting state: home, at rest, on the ground or hovering (then always armed)."""
         self.guidance.motion = Motion(position=[0.0, 0.0, altitude_m])
         self.guidance.home = self.guidance.origin
         self.guidance.set_point = None
@@ -154,7 +154,7 @@ class Autopilot(ABC):
         self.guidance.target = (0.0, 0.0, altitude_m)
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_CRITICAL) -> None:
-        """STATUSTEXT, at most 50 bytes."""
+        """Send a STATUSTEXT, cut to 50 bytes."""
         self._out.append(Reply(mavlink.MAVLink_statustext_message(severity, text.encode()[:50])))
 
     def _set_armed(self, armed: bool) -> None:

@@ -35,8 +35,10 @@ STAND_IN = "stand-in"
 REAL: dict[str, type[Autopilot]] = {"px4": Px4, "ardupilot": ArduCopter}
 AUTOPILOTS = (STAND_IN, *REAL)
 WITNESS = ("127.0.0.1", 14540)
-"""Drone N's own port is N more, from 14541 on: 14550 would be drone 10's."""
-"""Where a real autopilot is watched, on a link of its own."""
+"""The address where a real autopilot is watched, on a link of its own.
+
+Drone N's own port is N more, from 14541 on: 14550 would be drone 10's.
+"""
 
 app = typer.Typer(
     name="sitl",
@@ -209,7 +211,7 @@ def _address(option: str, text: str) -> tuple[str, int]:
 
 
 def _reachable(option: str, text: str) -> tuple[str, int]:
-    """An address that can be sent to, as numbers."""
+    """The numeric address of HOST:PORT, for sending."""
     host, port = _address(option, text)
     try:
         found = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)

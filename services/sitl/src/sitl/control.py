@@ -1,4 +1,4 @@
-"""The side channel's language: what a test may set on the drone, past all links; JSON objects, checked."""
+"""The side channel's requests: JSON objects, checked here, by which a test sets the drone's state past all links."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MESSAGES = frozenset(kind.msgname for kind in mavlink.mavlink_map.values())
 
 
 def parse(request: Any, modes: type[FlightMode]) -> dict[str, Any] | None:
-    """What to set, or None for a question: `{"set": {...}}` or `{"get": "state"}`. Raises SitlError for others."""
+    """The fields of a `{"set": {...}}`, or None for a `{"get": "state"}`. Raises SitlError for other requests."""
     if request == {"get": "state"}:
         return None
     if not isinstance(request, dict) or set(request) != {"set"} or not isinstance(request["set"], dict):
@@ -33,7 +33,7 @@ def parse(request: Any, modes: type[FlightMode]) -> dict[str, Any] | None:
 
 
 def apply(autopilot: Autopilot, wanted: dict[str, Any]) -> None:
-    """Put the drone into a state. `armed` and `altitude_m` put it back first, home and charged; `mode` is a pilot's."""
+    """Set the drone's state. `armed` or `altitude_m` first put it back home, charged; `mode` is set as by a pilot."""
     autopilot.healthy = wanted.get("healthy", autopilot.healthy)
     is_put_back = "armed" in wanted or "altitude_m" in wanted
     if "battery_pct" in wanted or is_put_back:

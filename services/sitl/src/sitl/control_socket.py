@@ -1,4 +1,4 @@
-"""The side channel's socket: one JSON object a line in, one a line out."""
+"""The side channel's socket: one JSON object per line in, one per line out."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Any
 from .errors import SitlError
 
 Answer = Callable[[Any], Awaitable[dict[str, Any]]]
-"""What is asked, and the answer to it; raises SitlError for what cannot be done."""
+"""Takes a request and returns its answer; raises SitlError for a request that cannot be carried out."""
 
 
 @contextlib.asynccontextmanager
 async def served(path: Path, answer: Answer) -> AsyncIterator[None]:
-    """The socket, while this is entered. Raises SitlError where it cannot be there."""
+    """Serve the socket while this is entered. Raises SitlError if it cannot be created."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.closing(writer), contextlib.suppress(ConnectionError):  # a tester who is gone is no error
+        with contextlib.closing(writer), contextlib.suppress(ConnectionError):  # a client that disconnects is no error
             while line := await reader.readline():
                 try:
                     found = await answer(json.loads(line))

@@ -1,4 +1,4 @@
-"""UDP sockets that do not block, and when the kernel received what they read."""
+"""Non-blocking UDP sockets, and the time at which the kernel received each datagram."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST_DATAGRAM = 65_536
 
 
 def bind(address: tuple[str, int]) -> socket.socket:
-    """A socket that receives there. Raises SitlError."""
+    """Return a socket that receives on `address`. Raises SitlError if it cannot be bound."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         sock.bind(address)
@@ -31,7 +31,7 @@ def bind(address: tuple[str, int]) -> socket.socket:
 
 
 def arrival_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
-    """When the kernel received a datagram, in nanoseconds since 1970; now, where it does not say."""
+    """When the kernel received a datagram, in nanoseconds since 1970; the present time if it does not say."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS:
             seconds, nanoseconds = _TIMESPEC.unpack(data)

@@ -9,11 +9,11 @@ from typing import Protocol
 EARTH_M = 6_371_000.0
 GRAVITY_M_S2 = 9.80665
 LAG_S = 0.4
-"""How far the drone is behind its trajectory."""
+"""How far the drone lags behind its trajectory."""
 SPEEDING_UP = 0.7
-"""With so much of its acceleration a trajectory that waits for its drone speeds up."""
+"""The share of its acceleration with which a trajectory speeds up if it waits for its drone."""
 TURNING_M_S = 0.5
-"""Slower it does not turn to where it flies."""
+"""Below this speed the drone does not turn into its direction of flight."""
 YAW_RATE_RAD_S = math.radians(60)
 Vector = tuple[float, float, float]
 """North, east, up."""
@@ -32,13 +32,13 @@ class Place:
     altitude_m: float
 
     def offset(self, north_m: float, east_m: float, up_m: float) -> Place:
-        """The place that lies so many metres away."""
+        """The place at this distance north, east and up from here."""
         latitude = self.latitude_deg + math.degrees(north_m / EARTH_M)
         radius = EARTH_M * math.cos(math.radians(self.latitude_deg))
         return Place(latitude, self.longitude_deg + math.degrees(east_m / radius), self.altitude_m + up_m)
 
     def metres_to(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-        """North and east to a position."""
+        """The distance north and east from here to a position."""
         north = math.radians(latitude_deg - self.latitude_deg) * EARTH_M
         east = math.radians(longitude_deg - self.longitude_deg) * EARTH_M * math.cos(math.radians(self.latitude_deg))
         return north, east
@@ -46,10 +46,10 @@ class Place:
 
 @dataclass
 class Limits:
-    """What a trajectory keeps to, in metres and seconds: horizontal, upward, downward acceleration, and jerk.
+    """A trajectory's limits, in metres and seconds: horizontal, upward and downward acceleration, and jerk.
 
-    One that `waits` for its drone speeds up with a part of its acceleration, and less while the drone turns, which
-    it does with `turning_rad_s2`.
+    A trajectory that `waits` for its drone speeds up with a part of its acceleration, and with less while the drone
+    turns. `turning_rad_s2` is the angular acceleration of that turn.
     """
 
     horizontal: float
@@ -62,7 +62,7 @@ class Limits:
 
 @dataclass
 class Motion:
-    """Where a drone is relative to its home and how fast: north, east, up in metres and metres a second.
+    """A drone's position relative to its origin, and its velocity: north, east, up in metres and metres per second.
 
     `aim` is the velocity of the trajectory, which changes within limits of acceleration and jerk; the drone's own
     velocity follows it, LAG_S behind.
@@ -81,7 +81,7 @@ class Motion:
         return math.hypot(self.velocity[0], self.velocity[1])
 
     def step(self, wanted: Vector, limits: Limits, dt_s: float) -> None:
-        """Move on by `dt_s` towards the velocity that is set; the ground stops."""
+        """Move for `dt_s` towards the velocity `wanted`; the ground stops the drone."""
         self._aim_across(wanted, limits, dt_s)
         self._aim_up(wanted[2], limits, dt_s)
         share = dt_s / LAG_S
@@ -95,7 +95,7 @@ class Motion:
         self._turn(limits.turning_rad_s2, dt_s)
 
     def fall(self, speed_m_s: float, dt_s: float) -> None:
-        """Without motors, down to the ground."""
+        """Fall without motors for `dt_s`, down to the ground; `speed_m_s` (negative) is the terminal speed."""
         for axis in (0, 1):
             self.aim[axis] = self.velocity[axis]
             self.position[axis] += self.velocity[axis] * dt_s
@@ -105,7 +105,7 @@ class Motion:
             self.rest(0.0)
 
     def rest(self, up_m: float) -> None:
-        """Without any speed, at a height."""
+        """Come to rest at a height."""
         self.position[2] = up_m
         for values in (self.velocity, self.aim, self.acceleration):
             values[:] = (0.0, 0.0, 0.0)
@@ -136,11 +136,11 @@ class Motion:
         self.aim[2] += self.acceleration[2] * dt_s
 
     def _facing(self) -> float:
-        """How much of the acceleration it has while it turns."""
+        """The share of its acceleration that it has while it turns."""
         return 1.0 if abs(_wrapped(self.yaw_aim_rad - self.yaw_rad)) < math.radians(45) else 0.5
 
     def _turn(self, acceleration_rad_s2: float, dt_s: float) -> None:
-        """The heading follows, YAW_RATE at most, which is reached with that acceleration."""
+        """Turn the heading to its aim, with that angular acceleration and at most at YAW_RATE_RAD_S."""
         left = _wrapped(self.yaw_aim_rad - self.yaw_rad)
         if left == 0.0 and self._yaw_rate == 0.0:
             return
@@ -154,14 +154,14 @@ class Motion:
 
 
 def _wrapped(angle_rad: float) -> float:
-    """Between minus and plus half a turn."""
+    """The same angle between minus and plus half a turn."""
     return (angle_rad + math.pi) % math.tau - math.pi
 
 
 def approach(distance_m: float, fastest_m_s: float, braking_m_s2: float, jerk_m_s3: float) -> float:
-    """The speed towards something `distance_m` away (signed) from which one can still stop there.
+    """The speed towards a point `distance_m` away (both signed) from which the drone can still stop there.
 
-    It is reached with the acceleration and the jerk, so that 2 d a = v^2 + v 4 a^2 / j.
+    Braking keeps to the acceleration and the jerk, so that 2 d a = v^2 + v 4 a^2 / j.
     """
     ramp = 4 * braking_m_s2 * braking_m_s2 / jerk_m_s3
     speed = 0.5 * (math.sqrt(ramp * ramp + 8 * braking_m_s2 * abs(distance_m)) - ramp)
@@ -169,7 +169,7 @@ def approach(distance_m: float, fastest_m_s: float, braking_m_s2: float, jerk_m_
 
 
 class Energy(Protocol):
-    """A battery: what is left of it, and what flying takes."""
+    """A battery: its remaining charge, and the power that flying takes."""
 
     power_w: float
 
@@ -180,21 +180,21 @@ class Energy(Protocol):
     def voltage_v(self) -> float: ...
 
     def charge(self, percent: float) -> None:
-        """Set what is left."""
+        """Set the remaining charge."""
 
     def step(self, motion: Motion, armed: bool, flying: bool, dt_s: float) -> None: ...
 
 
 @dataclass
 class Battery:
-    """Energy in watt hours; a multicopter drains most by staying up, more by climbing and moving."""
+    """Energy in watt-hours. Staying up drains most of it; climbing and moving add to that."""
 
     capacity_wh: float
     left_wh: float
     idle_w: float = IDLE_W
     hover_w: float = HOVER_W
     volts: tuple[float, float] = (14.0, 16.8)
-    """Empty and full."""
+    """Voltages when empty and when full."""
     power_w: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -222,7 +222,7 @@ class Battery:
 
 @dataclass
 class SimulatedBattery:
-    """As PX4's simulations have it: armed, empty in SIM_BAT_DRAIN seconds, but SIM_BAT_MIN_PCT stays; else full."""
+    """PX4's simulated battery: armed, it drains in SIM_BAT_DRAIN seconds, to SIM_BAT_MIN_PCT at least; else full."""
 
     drain_s: float
     least_pct: float

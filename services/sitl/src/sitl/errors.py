@@ -1,4 +1,4 @@
-"""What can be wrong with a flight: a setting, or the autopilot itself."""
+"""The errors of a flight: in a setting, or of the autopilot itself."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ class SitlError(Exception):
 
 
 class AutopilotDied(SitlError):
-    """An autopilot that ended by itself, or never began."""
+    """An autopilot that ended of its own accord, or did not start."""
 
     exit_code = 1

@@ -1,4 +1,4 @@
-"""The files that an autopilot writes: its events, a line each, and one while it is ready."""
+"""The files that an autopilot writes: its events, a line each, and one that is touched while it is ready."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .errors import SitlError
 
 
 def open_events(path: Path) -> TextIO:
-    """Raises SitlError."""
+    """Open the events file for appending. Raises SitlError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("a", encoding="utf-8")
@@ -19,13 +19,13 @@ def open_events(path: Path) -> TextIO:
 
 
 def write_event(events: TextIO, t_ns: int, event: str, **detail: Any) -> None:
-    """One JSON object a line; `t_ns` since 1970."""
+    """Write one JSON object as a line; `t_ns` is since 1970."""
     events.write(json.dumps({"t_ns": t_ns, "event": event, **detail}, default=str) + "\n")
     events.flush()
 
 
 def touch(path: Path) -> None:
-    """Raises SitlError."""
+    """Touch the ready file. Raises SitlError."""
     try:
         path.touch()
     except OSError as error:

@@ -20,7 +20,7 @@ _RANGES = {
     "charge_pct": (0, 100),
 }
 _OF_MISSIONS = {"endurance_s", "point"}
-"""A drone's fields in the fleet's file that others than its autopilot read, and check."""
+"""A drone's fields in the fleet's file that other programs read and check."""
 _SECTIONS = ("fogs", "addresses", "sensor_range_m", "parameters", "drones")
 
 ZURICH = Place(47.397742, 8.545594, 488.0)
@@ -29,7 +29,7 @@ ZURICH = Place(47.397742, 8.545594, 488.0)
 
 @dataclass(frozen=True)
 class DroneConfig:
-    """One drone: where it stands, what its battery holds, and its parameters beside PX4's defaults."""
+    """One drone: its home, its battery's capacity and charge, and its parameters other than PX4's defaults."""
 
     system_id: int
     home: Place = ZURICH
@@ -42,7 +42,7 @@ class DroneConfig:
 
 
 def load(path: Path, system_id: int) -> DroneConfig:
-    """The configuration of one drone; raises SitlError naming file, field, value and what was expected."""
+    """Read the configuration of one drone. Raises SitlError naming file, field, value and expectation."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Where a drone is, where its home is and where it wants to go, whoever flies it."""
+"""A drone's place, home and target, common to all kinds of autopilot."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Guidance:
 
     @property
     def home_up_m(self) -> float:
-        """Home's height over the origin."""
+        """Home's height above the origin."""
         return self.home.altitude_m - self.origin.altitude_m
 
     def home_from_here(self) -> tuple[float, float]:
-        """How far home is, north and east."""
+        """The distance from the drone to home, north and east in metres."""
         north, east = self.origin.metres_to(self.home.latitude_deg, self.home.longitude_deg)
         return north - self.motion.position[0], east - self.motion.position[1]

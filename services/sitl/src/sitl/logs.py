@@ -1,4 +1,4 @@
-"""An autopilot's flight logs, and MAVLink's log protocol as it speaks that on one of its links; no I/O."""
+"""An autopilot's flight logs, and its side of MAVLink's log protocol on one link; no I/O."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pymavlink.dialects.v20 import development as mavlink
 
 DATA_BYTES = 90
 AT_ONCE = 40
-"""LOG_DATA in one step: ArduPilot's simulation."""
+"""LOG_DATA messages per step, as in ArduPilot's simulation."""
 MADE_UP = ((1_767_225_600, 40_000), (1_767_229_200, 120_000))
-"""Times (since 1970) and sizes of the logs that there are at the start."""
+"""Times (since 1970) and sizes of the logs that exist at the start."""
 MESSAGES = frozenset({"LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE"})
 
 
@@ -40,7 +40,7 @@ class Logs:
 
 
 class LogLink(ABC):
-    """One link's part of the protocol. Numbers count from `first`."""
+    """The protocol on one link. Log numbers count from `first`."""
 
     first: ClassVar[int]
 
@@ -54,10 +54,10 @@ class LogLink(ABC):
 
     @abstractmethod
     def answer(self, message: Any) -> None:
-        """One of MESSAGES; what follows comes out of `due`."""
+        """Take one of MESSAGES; `due` returns the answers."""
 
     def due(self) -> list[Any]:
-        """What is sent in this step."""
+        """The messages to send in this step."""
         out = [self._entry(number) for number in self._entries]
         self._entries = []
         for _ in range(AT_ONCE):
@@ -72,7 +72,7 @@ class LogLink(ABC):
         self._entries = [*range(max(message.start, self.first), last + 1)] if count else [0]
 
     def _begin(self, message: Any) -> None:
-        """Send bytes of a log, if there is that one."""
+        """Begin to send bytes of a log, if it exists."""
         index = message.id - self.first
         if not 0 <= index < len(self._logs.kept):
             self._sent = None

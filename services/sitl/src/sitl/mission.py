@@ -1,4 +1,4 @@
-"""Flying a mission: which item it is about, where that leads, and when it is over."""
+"""The flight of a mission: its current item, where that leads, and when the mission is over."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ABOVE_HOME = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_R
 
 
 class Leg(Enum):
-    """What the drone does for an item: climb, go to a place, stay there for good, land, return; or nothing is left."""
+    """How the drone flies an item: climb, go to a place, stay there for good, land, return; OVER: no item is left."""
 
     TAKEOFF = auto()
     GO = auto()
@@ -35,15 +35,15 @@ _LEGS = {
     mavlink.MAV_CMD_NAV_LAND: Leg.LAND,
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: Leg.RETURN,
 }
-"""All others are done as soon as they are there."""
+"""All other commands are done as soon as they are current."""
 _TIMED = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_LOITER_TIME)
 
 
 @dataclass
 class MissionFlight:
-    """A mission on its way. `leg` and `target` are those of the item that is flown, `over` whether none is left.
+    """A mission in flight. `leg` and `target` are those of the current item; `leg` is OVER when no item is left.
 
-    It begins with the item `first`; `speed_m_s` is what an item has changed the speed to.
+    It begins with the item `first`; `speed_m_s` is the speed that an item has set.
     """
 
     plans: Plans
@@ -58,19 +58,19 @@ class MissionFlight:
     _last_told: int | None = None
 
     def begin(self) -> list[Output]:
-        """The mode was entered: the mission goes on with its current item, or from the start where it was over."""
+        """Begin when the mode is entered: with the current item, or with the first one if the mission was over."""
         if self.plans.is_over or self.plans.current < self.first:
             self.plans.go_to(self.first)
         return self._aim()
 
     @property
     def waits(self) -> bool:
-        """Whether the drone stays at its target for a time."""
+        """Whether the current item keeps the drone at its target for a time."""
         current = self.plans.mission[self.plans.current :][:1]
         return any(item.command in _TIMED and item.params[0] > 0 for item in current)
 
     def step(self, now_s: float, is_there: bool) -> list[Output]:
-        """`is_there`: the target of the leg is reached. Legs that lead to the ground are their drone's to end."""
+        """Go on to the next item when `is_there`, at the leg's target. The drone ends legs that lead to the ground."""
         if self._changed != self.plans.changed:
             return self._aim()
         if not is_there or self.leg not in (Leg.TAKEOFF, Leg.GO):
@@ -84,7 +84,7 @@ class MissionFlight:
         return self._aim()
 
     def _aim(self) -> list[Output]:
-        """Look at the current item, past those that are done at once; of several that are over the last is told."""
+        """Take up the current item, past those that are done at once; of several done, the last is reported."""
         self._changed, self._arrived_s = self.plans.changed, None
         while self.plans.current < len(self.plans.mission):
             item = self.plans.mission[self.plans.current]
@@ -98,12 +98,12 @@ class MissionFlight:
         return self._told()
 
     def arrive(self) -> list[Output]:
-        """The current item is reached, and stays the current one: nothing follows a landing, or a return."""
+        """Mark the current item as reached and keep it current: nothing follows a landing or a return."""
         self.plans.reached = self.plans.current
         return self._told()
 
     def _jump(self, item: Item) -> int | None:
-        """Where DO_JUMP leads, None for other items and once it was repeated often enough."""
+        """The item to which DO_JUMP leads; None for other items and after the last repetition."""
         if item.command != mavlink.MAV_CMD_DO_JUMP:
             return None
         done = self._jumps.get(self.plans.current, 0)
@@ -113,12 +113,12 @@ class MissionFlight:
         return round(item.params[0])
 
     def _pass(self, jump: int | None = None) -> None:
-        """The current item is over, and the next one is current."""
+        """Mark the current item as reached, and make the next one current, or `jump`."""
         self.plans.reached = self.plans.current
         self.plans.current = self.plans.current + 1 if jump is None else jump
 
     def _told(self) -> list[Output]:
-        """MISSION_ITEM_REACHED, where another item than the one before was."""
+        """MISSION_ITEM_REACHED, if the item reached last has not been reported yet."""
         seq = self.plans.reached
         if seq is None or seq == self._last_told:
             return []
@@ -126,7 +126,7 @@ class MissionFlight:
         return [Happened("item_reached", {"item": seq}), Reply(mavlink.MAVLink_mission_item_reached_message(seq))]
 
     def _place(self, item: Item) -> Vector:
-        """An item's place; where it names none, here."""
+        """An item's place; the drone's own where the item names none."""
         north, east, here = self.guidance.motion.position
         if item.frame == mavlink.MAV_FRAME_MISSION:
             return north, east, here

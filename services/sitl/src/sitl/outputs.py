@@ -1,4 +1,4 @@
-"""What an autopilot gives back: messages to send and events to write down."""
+"""An autopilot's outputs: messages to send and events to record."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Happened:
-    """Something for the events file."""
+    """An event for the events file."""
 
     event: str
     detail: dict[str, Any] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Parameters with their types, ranges and defaults, and MAVLink's ways to carry them."""
+"""Parameters with their types, ranges and defaults, and MAVLink's ways to encode them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .errors import SitlError
 
 HASH, NO_INDEX = "_HASH_CHECK", 2**16 - 1
 TYPE_MISMATCH = 7
-"""MAV_PARAM_ERROR, newer than pymavlink's."""
+"""A MAV_PARAM_ERROR that pymavlink does not have yet."""
 INT32, REAL32 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
 
 
@@ -29,7 +29,7 @@ class Spec:
 
 
 class Parameters:
-    """The parameters of one autopilot, in the order of their indices; whole numbers travel as numbers."""
+    """The parameters of one autopilot, in the order of their indices; integers are sent as floats."""
 
     def __init__(self, specs: Mapping[str, Spec], overrides: Mapping[str, float] | None = None) -> None:
         self._specs = specs
@@ -47,7 +47,7 @@ class Parameters:
         return float(self._values[name])
 
     def set(self, name: str, value: float) -> bool:
-        """Set one; False, and nothing changes, for an unknown name, NaN or a value out of range."""
+        """Set a parameter; an unknown name, NaN or a value out of range changes nothing and returns False."""
         spec = self._specs.get(name)
         if spec is None or not spec.low <= value <= spec.high:
             return False
@@ -55,7 +55,7 @@ class Parameters:
         return True
 
     def message(self, name: str) -> Any:
-        """PARAM_VALUE as one of the list."""
+        """PARAM_VALUE with the parameter's index in the list."""
         return self._value(name, self._names.index(name))
 
     def _value(self, name: str, index: int) -> Any:
@@ -85,7 +85,7 @@ class Parameters:
         return [self.message(name) for name in self._names]
 
     def _set(self, message: Any) -> list[Any]:
-        """A value of any type is taken as the number that it is; the answer has no place in the list."""
+        """Take a value of any type as a number; the answer has no index."""
         name, value = str(message.param_id), float(message.param_value)
         if name not in self._values or not math.isfinite(value):
             return []
@@ -93,22 +93,22 @@ class Parameters:
         return [self._value(name, NO_INDEX)]
 
     def _named(self, name: str) -> Any:
-        """The answer to a question by name, which has no place in the list."""
+        """The answer to a request by name, which has no index."""
         return self._value(name, NO_INDEX)
 
     def _unknown(self, message: Any) -> list[Any]:
-        """What is answered to a question for a parameter that there is not."""
+        """The answers to a request for an unknown parameter."""
         return []
 
     def _encoded(self, value: float) -> float:
-        """A value as PARAM_VALUE carries it."""
+        """A value as encoded in PARAM_VALUE."""
         return float(value)
 
 
 class BytewiseParameters(Parameters):
-    """Whole numbers travel as their bytes in the float's place, and are set as such; a hash names all values.
+    """Integers are sent and set as their bytes in the float's place; a hash covers all values.
 
-    What is wrong has an answer that says so, PARAM_ERROR; what is out of range has one with the value that stays.
+    A wrong name or type is answered with PARAM_ERROR, a value out of range with the value that stays.
     """
 
     def _list(self) -> list[Any]:

@@ -1,4 +1,4 @@
-"""What differs between kinds of autopilots, behind one interface; each kind has a package of its own."""
+"""The interface behind which kinds of autopilots differ; each kind has a package of its own."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Own = TypeVar("Own", bound=Autopilot)
 
 
 class Personality(ABC, Generic[Own]):
-    """One kind of autopilot. It keeps nothing: what it makes for a drone does.
+    """One kind of autopilot. It has no state; the objects that it makes for a drone do.
 
-    `title` is its name for people; `release` and `capabilities` are AUTOPILOT_VERSION's. `silent` are messages that it
-    takes an interval for, although nothing makes it say them here. `no_interval`, `no_interval_told` and `no_message`
-    are the results of asking it to set the interval of a message that it does not have, to tell it, and for that
-    message. `tells_modes_at_once`: a change of mode is told by a heartbeat of its own. `answers_pings`: PING has one.
-    `unsigned` are the messages that it takes without a signature although it has a key.
+    `title` is its name for people; `release` and `capabilities` are AUTOPILOT_VERSION's. `silent` are messages whose
+    interval it accepts, although nothing here makes it send them. For a message that it does not have, `no_interval`,
+    `no_interval_told` and `no_message` are the results of setting its interval, of reading it, and of requesting the
+    message. `tells_modes_at_once`: it reports a change of mode by an additional heartbeat. `answers_pings`: it answers
+    PING. `unsigned` are the messages that it accepts without a signature although it has a key.
     """
 
     name: ClassVar[str]
@@ -53,31 +53,31 @@ class Personality(ABC, Generic[Own]):
 
     @abstractmethod
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
-        """Hz of each message that it can say, on a link for which the set of streams `chosen` was asked for."""
+        """The rate in Hz of each message that it can send, on a link with the set of streams `chosen`."""
 
     @abstractmethod
     def parameters(self, config: DroneConfig) -> Parameters:
-        """A drone's own; raises SitlError for one that this kind does not have."""
+        """Make a drone's parameters; raises SitlError for one that this kind does not have."""
 
     @abstractmethod
     def battery(self, parameters: Parameters) -> Energy:
-        """What its own simulation has, for a drone whose battery the fleet does not name."""
+        """Make the battery of its own simulation, for a drone whose battery the fleet does not name."""
 
     @abstractmethod
     def autopilot(self, config: DroneConfig, battery: Energy, parameters: Parameters) -> Own:
-        """The autopilot of a drone."""
+        """Make a drone's autopilot."""
 
     @abstractmethod
     def telemetry(self, autopilot: Own, seed: int, *, quiet: bool) -> Telemetry:
-        """What makes its messages."""
+        """Make the telemetry of an autopilot."""
 
     @abstractmethod
     def plan_link(self, autopilot: Own) -> PlanLink:
-        """The mission protocol on one more link."""
+        """Make the mission protocol of one more link."""
 
     @abstractmethod
     def log_link(self, autopilot: Own) -> LogLink:
-        """The log protocol on one more link."""
+        """Make the log protocol of one more link."""
 
     @abstractmethod
     def handle(self, autopilot: Own, message: Any) -> list[Output]:

@@ -1,4 +1,4 @@
-"""MAVLink's mission protocol as an autopilot speaks it on one of its links; no I/O."""
+"""An autopilot's side of MAVLink's mission protocol on one link; no I/O."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CANCELLED = int(mavlink.MAV_MISSION_OPERATION_CANCELLED)
 
 @dataclass
 class Upload:
-    """A list that is coming in: `items` are those of `count` that are there, `current` the one to begin with."""
+    """An upload in progress: `items` are those of `count` that have arrived, `current` is the one to begin with."""
 
     partner: Partner
     kind: int
@@ -37,10 +37,10 @@ class Upload:
 
 
 class PlanLink(ABC):
-    """One link's part of the protocol.
+    """The protocol on one link.
 
-    An item that does not come is asked for again after `asks_again_s`; an upload that stands still is given up after
-    `gives_up_s`. `most` are the items of each list at the most.
+    A missing item is requested again after `asks_again_s`; a stalled upload is given up after `gives_up_s`. `most` is
+    the largest number of items of each list.
     """
 
     asks_again_s: ClassVar[float]
@@ -59,7 +59,7 @@ class PlanLink(ABC):
         return answers
 
     def due(self, now_s: float) -> list[Any]:
-        """Requests that are repeated, and the end of an upload that stands still."""
+        """Repeat a request that is due, or end a stalled upload."""
         upload = self._upload
         if upload is None:
             return []
@@ -69,12 +69,12 @@ class PlanLink(ABC):
         return [self._ask(upload, now_s)] if now_s - upload.asked_s > self.asks_again_s else []
 
     def _begin(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
-        """A list is announced that fits in: its first item is asked for, and of an empty one nothing."""
+        """Begin an upload whose size is allowed: request its first item; an empty list is complete at once."""
         self._upload = upload = Upload(partner, message.mission_type, message.count, now_s)
         return self._finish(upload) if upload.is_whole else [self._ask(upload, now_s)]
 
     def _take(self, upload: Upload, message: Any, now_s: float) -> list[Any]:
-        """The item that was asked for: the next one is, or the list is whole."""
+        """Take the requested item; request the next one, or finish the upload."""
         upload.heard_s = now_s
         upload.items.append(Item.of(message))
         if message.current:
@@ -87,7 +87,7 @@ class PlanLink(ABC):
         return [ack(upload.partner, ACCEPTED, upload.kind)]
 
     def _refuse(self, upload: Upload, result: int) -> list[Any]:
-        """The upload is over; what was there before stays."""
+        """End the upload with an error."""
         self._upload = None
         return [ack(upload.partner, result, upload.kind)]
 
@@ -97,19 +97,19 @@ class PlanLink(ABC):
 
     @abstractmethod
     def request(self, to: Partner, seq: int, kind: int) -> Any:
-        """How an item is asked for."""
+        """The message that requests an item."""
 
     @abstractmethod
     def keep(self, upload: Upload) -> None:
-        """A whole list takes the place of the one before."""
+        """Put a complete list in the place of the one before."""
 
     @abstractmethod
     def given_up(self, upload: Upload) -> list[Any]:
-        """What is said of an upload that stood still."""
+        """The messages that end a stalled upload."""
 
     @abstractmethod
     def count(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
-        """MISSION_COUNT: somebody wants to upload a list."""
+        """MISSION_COUNT: the partner begins to upload a list."""
 
     @abstractmethod
     def item(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
@@ -117,11 +117,11 @@ class PlanLink(ABC):
 
     @abstractmethod
     def request_list(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
-        """MISSION_REQUEST_LIST: somebody wants a list."""
+        """MISSION_REQUEST_LIST: the partner begins to download a list."""
 
     @abstractmethod
     def requested(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
-        """MISSION_REQUEST_INT: somebody wants an item."""
+        """MISSION_REQUEST_INT: the partner requests an item."""
 
     @abstractmethod
     def acknowledged(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
@@ -145,7 +145,7 @@ MESSAGES = {
     "MISSION_CLEAR_ALL": PlanLink.clear.__name__,
     "MISSION_SET_CURRENT": PlanLink.set_current.__name__,
 }
-"""The protocol's messages that an autopilot hears, and who answers each."""
+"""The protocol's messages that an autopilot receives, and the method that answers each."""
 
 
 def ack(to: Partner, result: int, kind: int) -> Any:

@@ -12,7 +12,7 @@ FENCE = int(mavlink.MAV_MISSION_TYPE_FENCE)
 RALLY = int(mavlink.MAV_MISSION_TYPE_RALLY)
 LISTS = (MISSION, FENCE, RALLY)
 Partner = tuple[int, int]
-"""System and component of whoever is at the other end of a transfer."""
+"""System and component id of the other end of a transfer."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class Item:
 
 @dataclass
 class Plans:
-    """The three lists by MAV_MISSION_TYPE. `current` is the mission's item that is flown, or would be.
+    """The three lists by MAV_MISSION_TYPE. `current` is the mission's item that is flown, or will be when it is flown.
 
-    `reached` is the item that was reached last. `changed` counts the missions, so that whoever flies one notices.
+    `reached` is the item reached last. `changed` counts changes of the mission, so that its flight notices them.
     """
 
     items: dict[int, tuple[Item, ...]] = field(default_factory=lambda: dict.fromkeys(LISTS, ()))
@@ -59,7 +59,7 @@ class Plans:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing of the mission is left."""
+        """Whether no item of the mission is left."""
         return self.current >= len(self.mission) or self.reached == len(self.mission) - 1
 
     def put(self, kind: int, items: tuple[Item, ...], current: int = 0) -> None:
@@ -70,6 +70,6 @@ class Plans:
             self.changed += 1
 
     def go_to(self, seq: int) -> None:
-        """The mission goes on, or would, with an item."""
+        """Continue the mission with an item."""
         self.current, self.reached = seq, None
         self.changed += 1

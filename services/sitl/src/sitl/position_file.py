@@ -1,4 +1,4 @@
-"""Where a drone truly is, in a file for programs beside it: the testbed opens a sensor's link by it."""
+"""A drone's true position, in a file for other programs: by it the testbed opens a sensor's link."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EVERY_S = 0.2
 class PositionFile:
     """One JSON object: t_ns (since 1970), latitude_deg, longitude_deg, altitude_m (above home).
 
-    It is replaced as a whole, so that no reader finds half of it. Raises SitlError where it cannot be.
+    It is replaced as a whole, so that no reader sees half of it. Raises SitlError if it cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -23,7 +23,7 @@ class PositionFile:
         self._new = path.with_name(f"{path.name}.new")
 
     def write(self, state: dict[str, Any]) -> None:
-        """The place of a drone's state, as the side channel tells it."""
+        """Write the position from a drone's state, as the side channel reports it."""
         place = {name: state[name] for name in ("latitude_deg", "longitude_deg", "altitude_m")}
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)

@@ -30,7 +30,7 @@ POSITION_S = 1.0
 
 @dataclass(frozen=True)
 class LinkConfig:
-    """A UDP link: bound to `listen`, sending to `send` until somebody else has been heard."""
+    """A UDP link: bound to `listen`, sending to `send` until a message arrives from another address."""
 
     listen: tuple[str, int]
     send: tuple[str, int]
@@ -55,7 +55,7 @@ class _Link:
         self._socket.close()
 
     def _readable(self) -> None:
-        """Take in the datagrams that are there."""
+        """Read the datagrams that have arrived, at most _READ_AT_ONCE."""
         for _ in range(_READ_AT_ONCE):
             try:
                 data, ancillary, _, addr = self._socket.recvmsg(LARGEST_DATAGRAM, ANCILLARY_BYTES)
@@ -79,7 +79,7 @@ class _Link:
                 self._peer = addr
                 self._process.on_message(self._number, message, arrived_ns)
         if codec.buf_len():
-            # A frame never spans datagrams: what is left of a cut one must not swallow the next.
+            # A frame never spans datagrams: the rest of a cut one must not swallow the next.
             self._process.count("cut short", f"{codec.buf_len()} bytes left over")
             codec.buf, codec.buf_index = bytearray(), 0
 
@@ -116,7 +116,7 @@ class Process:
         self._started = time.monotonic()
 
     async def run(self) -> None:
-        """Raises SitlError where an address or a file cannot be used."""
+        """Run until cancelled. Raises SitlError if an address or a file cannot be used."""
         loop = asyncio.get_running_loop()
         async with contextlib.AsyncExitStack() as stack:
             if self._events_path is not None:
@@ -134,7 +134,7 @@ class Process:
         self._carry_out(link, self.vehicle.handle(link, message), arrived_ns)
 
     def set_up_signing(self, message: Any) -> None:
-        """Take another key, on the ground alone."""
+        """Take the key of a SETUP_SIGNING, only while disarmed."""
         if not self.vehicle.is_for_us(message):
             return
         if self.vehicle.autopilot.armed:
@@ -163,12 +163,12 @@ class Process:
             if self._position_file is not None and now_s >= next_position_s:
                 next_position_s = now_s + EVERY_S
                 self._position_file.write(self.vehicle.position().detail)
-            # Ticks keep to a grid, or every one would be late by its own work and a stream of 100 Hz slower than that.
+            # Ticks keep to a grid: else each would be late by its own work, and a stream of 100 Hz slower than that.
             next_tick_s = max(next_tick_s + TICK_S, now_s)
             await asyncio.sleep(next_tick_s - (time.monotonic() - self._started))
 
     def _carry_out(self, link: int | None, outputs: list[Output], arrived_ns: int | None = None) -> None:
-        """Replies go to the link that asked; what the vehicle sends by itself goes to all."""
+        """Write events down; send replies to the link that asked, and unasked messages to all links."""
         for output in outputs:
             if isinstance(output, Happened):
                 self._write(output, arrived_ns)
@@ -179,7 +179,7 @@ class Process:
                     one.send(output.message)
 
     def _write(self, happened: Happened, arrived_ns: int | None = None) -> None:
-        """A line of the events file; what a message caused tells too when the kernel received that."""
+        """Write a line of the events file; after a message, with the time at which the kernel received it."""
         if self._events is not None:
             arrived = {} if arrived_ns is None else {"arrived_ns": arrived_ns}
             write_event(self._events, time.time_ns(), happened.event, **happened.detail, **arrived)

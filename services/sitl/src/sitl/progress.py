@@ -1,4 +1,4 @@
-"""Commands that take their time: MAV_RESULT_IN_PROGRESS in steps, then the answer, as the side channel asks for."""
+"""Slow commands, as set by the side channel: MAV_RESULT_IN_PROGRESS in steps, then the answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .outputs import Output, Reply
 
 @dataclass
 class Underway:
-    """A command that was received, and the steps of it that are still to come."""
+    """A command in progress, with its remaining steps."""
 
     message: Any
     left: list[int]
@@ -29,12 +29,12 @@ class Progress:
     underway: Underway | None = None
 
     def set(self, wanted: dict[str, Any]) -> None:
-        """`{"command": N, "percents": [...], "interval_s": s}`; no percents end it."""
+        """Take `{"command": N, "percents": [...], "interval_s": s}`; an empty list of percents ends it."""
         self.command, self.percents = wanted["command"], list(wanted["percents"])
         self.interval_s = wanted.get("interval_s", self.interval_s)
 
     def take(self, message: Any, now_s: float) -> list[Output] | None:
-        """The first step's answer; a repetition hears where it is. None: it is answered at once as any other."""
+        """Answer with the first step, a repetition with the current one. None: answered at once, as any other."""
         if message.command != self.command or not self.percents:
             return None
         if self.underway is None:
@@ -43,7 +43,7 @@ class Progress:
         return [self._step(self.underway)]
 
     def due(self, now_s: float) -> tuple[list[Output], Underway | None]:
-        """The step that is due, or the command whose steps are over and that is to be carried out."""
+        """The answer of a step that is due, or the command to carry out because its steps are over."""
         underway = self.underway
         if underway is None or now_s < underway.next_s:
             return [], None
@@ -59,7 +59,7 @@ class Progress:
 
 
 def is_progress(value: Any) -> bool:
-    """Whether the side channel's value can be set."""
+    """Whether a value of the side channel is valid for `Progress.set`."""
     if not isinstance(value, dict) or not {"command", "percents"} <= set(value) <= {
         "command",
         "percents",

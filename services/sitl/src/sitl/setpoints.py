@@ -17,7 +17,7 @@ SPEED_AT_FULL_TILT_M_S, CLIMB_AT_FULL_THRUST_M_S = 10.0, 3.0
 
 @dataclass(frozen=True)
 class SetPoint:
-    """What an offboard controller last asked for: a velocity or a position, both north, east, up."""
+    """The last set-point of an offboard controller: a velocity or a position, both north, east, up."""
 
     at_s: float
     velocity: Vector | None = None
@@ -25,7 +25,7 @@ class SetPoint:
 
 
 def of_position_target(message: Any, now_s: float, yaw_rad: float) -> SetPoint | None:
-    """A position goes before a velocity beside it; one with NaN, or in another frame, counts as none."""
+    """The set-point of a message. A position takes precedence over a velocity; NaN or another frame counts as none."""
     local, body = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED
     position, velocity = (message.x, message.y, -message.z), (message.vx, message.vy, -message.vz)
     if message.type_mask & IGNORE_POSITION == 0 and message.coordinate_frame == local and _finite(position):
@@ -38,7 +38,7 @@ def of_position_target(message: Any, now_s: float, yaw_rad: float) -> SetPoint |
 
 
 def of_attitude_target(message: Any, now_s: float) -> SetPoint | None:
-    """Tilt becomes horizontal speed, thrust around hover becomes climb; rates alone count as level."""
+    """Convert tilt to horizontal speed and thrust around hover to climb; rates alone count as level."""
     w, x, y, z = (1.0, 0.0, 0.0, 0.0) if message.type_mask & IGNORE_ATTITUDE else message.q
     size = math.sqrt(w * w + x * x + y * y + z * z)
     if not (math.isfinite(size) and size > 0.5 and 0.0 <= message.thrust <= 1.0):
@@ -53,7 +53,7 @@ def of_attitude_target(message: Any, now_s: float) -> SetPoint | None:
 
 
 def _turned(forward: float, right: float, yaw_rad: float) -> tuple[float, float]:
-    """Body axes to north and east."""
+    """Turn body axes to north and east."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     return forward * cos - right * sin, forward * sin + right * cos
 

@@ -1,4 +1,4 @@
-"""MAVLink 2's message signing as autopilots have it: one key and one table of streams for all links; no I/O."""
+"""MAVLink 2's message signing as autopilots do it: one key and one table of streams for all links; no I/O."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .errors import SitlError
 
 KEY_BYTES: Final = 32
 MOST_STREAMS: Final = 16
-"""Of MAVLink's C library: a further one is not heard until the autopilot starts anew."""
+"""The limit of MAVLink's C library: a further stream is ignored until the autopilot restarts."""
 OLDEST_START: Final = 60 * 100_000
-"""How far behind the autopilot's own time a new stream may begin, in 10 microseconds."""
+"""How far behind the autopilot's own time a new stream may begin, in units of 10 microseconds."""
 
 Stream = tuple[int, int, int]
 
 
 def read_key(path: Path) -> bytes:
-    """The key in a file of hexadecimal digits; raises SitlError."""
+    """Read a key from a file of hexadecimal digits. Raises SitlError."""
     try:
         key = bytes.fromhex(path.read_text(encoding="ascii"))
     except OSError as error:
@@ -34,10 +34,10 @@ def read_key(path: Path) -> bytes:
 
 
 class Codec(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
-    """One link's. pymavlink keeps a message's time stamp before it looks at the signature; the C library does not."""
+    """One link's codec. pymavlink stores a timestamp before it checks the signature; the C library does not."""
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
-        """Whether a message is signed with the key, and newer than the one before it of its stream."""
+        """Whether a message is signed with the key, and newer than the last one of its stream."""
         signing, streams = self.signing, self.signing.stream_timestamps
         assert signing.secret_key is not None
         if hashlib.sha256(signing.secret_key + msgbuf[:-6]).digest()[:6] != msgbuf[-6:]:
@@ -54,10 +54,10 @@ class Codec(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
 
 
 class Signing:
-    """An autopilot's key, None where it has none, and the codecs of its links.
+    """An autopilot's key, if it has one, and the codecs of its links.
 
-    Its time begins at the key's, as of one without a clock: others' messages bring it forward. `unsigned` are the
-    messages that it takes without a signature, too.
+    Its time begins at the key's, as on an autopilot without a clock: others' messages bring it forward. `unsigned` are
+    the messages that it accepts without a signature, too.
     """
 
     def __init__(self, system_id: int, unsigned: Set[int], key: bytes | None = None) -> None:
@@ -68,7 +68,7 @@ class Signing:
         self._key = key
 
     def codec(self) -> Codec:
-        """For another link."""
+        """Make the codec of one more link."""
         made = Codec(None, srcSystem=self._system_id, srcComponent=1)
         made.robust_parsing = True
         made.signing.link_id = len(self._codecs)
@@ -79,7 +79,7 @@ class Signing:
         return made
 
     def set_up(self, message: Any) -> None:
-        """Take the key of a SETUP_SIGNING; zeros end signing."""
+        """Take the key of a SETUP_SIGNING; a key and a timestamp of zeros end signing."""
         key = bytes(message.secret_key)
         self._key = key if any(key) or message.initial_timestamp else None
         for codec in self._codecs:

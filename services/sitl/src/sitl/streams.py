@@ -1,4 +1,4 @@
-"""When each message of a link is due, and how whoever listens changes that."""
+"""When each message of a link is due, and how the receiver changes that."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from .unnamed import NUMBERS
 FASTEST_HZ = 100.0
 """As fast as the stand-in's clock ticks."""
 LONGEST_US = 2**31 - 1
-"""The longest interval that MESSAGE_INTERVAL can say."""
+"""The longest interval that MESSAGE_INTERVAL can carry."""
 LATE_S = 0.1
-"""What fell due so long ago is still sent; what is older is left out, as after a standstill.
+"""A message that is late by no more than this is still sent; an older one is left out, as after a standstill.
 
-So 45 messages come at once at the most, which a router's queue of 64 takes.
+So at most 45 messages are sent at once, which a router's queue of 64 takes.
 """
 
 
 def number(name: str) -> int:
-    """A message's."""
+    """The id of a message."""
     return int(NUMBERS.get(name) or getattr(mavlink, f"MAVLINK_MSG_ID_{name}"))
 
 
 class Streams:
-    """The messages of one link and their rates: what it begins with, of every message that the autopilot can say.
+    """The messages of one link and their rates. `default_hz` has the first rate of every message that it can send.
 
-    `silent` are those that it takes an interval for, although nothing makes it say them.
+    `silent` are messages whose interval it accepts, although nothing makes it send them.
     """
 
     def __init__(self, default_hz: Mapping[str, float], silent: Collection[int] = ()) -> None:
@@ -37,12 +37,12 @@ class Streams:
         self._names = {number(name): name for name in default_hz}
         self._hz = dict(default_hz)
         self._next_s = {name: i / len(default_hz) / max(hz, 1) for i, (name, hz) in enumerate(self._hz.items())}
-        """When each is due next; apart from each other, so that they do not all fall on one tick."""
+        """When each message is due next; staggered, so that they do not all fall on one tick."""
 
     def due(self, now_s: float) -> list[str]:
-        """The names of the messages to send now; one that fell due twice since the last call is there twice.
+        """The names of the messages to send now; one that fell due twice since the last call is named twice.
 
-        So a busy machine, on which this is called late now and then, does not make the streams slower.
+        So late calls, on a busy machine, do not make the streams slower.
         """
         found = []
         for name, next_s in self._next_s.items():
@@ -60,7 +60,7 @@ class Streams:
         return self._names.get(message_id)
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
-        """SET_MESSAGE_INTERVAL, at once: -1 stops, 0 is the default, else microseconds. False for an unknown one."""
+        """SET_MESSAGE_INTERVAL in microseconds: -1 stops, 0 is the default. False for an unknown message, or NaN."""
         name = self._names.get(message_id)
         if name is None or not math.isfinite(interval_us):
             return message_id in self._silent and math.isfinite(interval_us)

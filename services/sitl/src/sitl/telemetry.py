@@ -15,10 +15,10 @@ from .wander import Quiet, Wander
 
 
 class Telemetry:
-    """Messages by name, as the autopilot would stream them now; quiet ones tell the truth.
+    """Makes messages by name, as the autopilot would stream them now; quiet ones have no noise.
 
-    `makers` make each message that the kind has. `wanders` are standard deviations at rest and in flight and their
-    memory: metres, metres a second, radians, volts; seconds.
+    `makers` has a function for each message of the kind. `wanders` has, for each value, its standard deviations at
+    rest and in flight (metres, metres per second, radians, volts) and their memory (seconds).
     """
 
     makers: ClassVar[Mapping[str, Callable[[Any], Any]]]
@@ -33,7 +33,7 @@ class Telemetry:
         }
 
     def make(self, name: str) -> Any:
-        """The message `name`, None where there is nothing to say now; raises KeyError for one that is not streamed."""
+        """Make the message `name`; None if it has no content now. Raises KeyError for one that is not streamed."""
         return self.makers[name](self)
 
     def _wander(self, name: str) -> float:
@@ -49,7 +49,7 @@ class Telemetry:
         return round(self._ap.now_s * 1e6)
 
     def _position(self) -> tuple[float, float, float]:
-        """North, east, up as the estimator has it."""
+        """The estimated position: north, east, up."""
         p = self._ap.motion.position
         return p[0] + self._wander("north"), p[1] + self._wander("east"), p[2] + self._wander("up")
 
@@ -237,4 +237,4 @@ MAKERS: dict[str, Callable[[Any], Any]] = {
     "VIBRATION": Telemetry._vibration,
     "SYSTEM_TIME": Telemetry._system_time,
 }
-"""The messages that every kind fills alike."""
+"""The messages that all kinds fill alike."""

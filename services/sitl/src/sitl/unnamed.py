@@ -25,7 +25,7 @@ class Unnamed:
     values: tuple[int, ...]
 
     def get_type(self) -> str:
-        """Its name, as pymavlink's messages say theirs."""
+        """Its name, as pymavlink's messages return theirs."""
         return self.name
 
     def get_msgId(self) -> int:
@@ -33,7 +33,7 @@ class Unnamed:
         return NUMBERS[self.name]
 
     def pack(self, codec: Any) -> bytes:
-        """The frame."""
+        """Make its frame."""
         number, crc_extra, layout = _SPECS[self.name]
         frame = mavlink.MAVLink_message(number, self.name)
         return bytes(frame._pack(codec, crc_extra, layout.pack(*self.values)))

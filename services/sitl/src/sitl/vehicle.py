@@ -1,7 +1,7 @@
 """One simulated vehicle: the autopilot with its parameters, telemetry and links; no I/O.
 
 Everything but flight is answered here: parameters, plans, logs, requested messages, intervals, pings, and the file
-protocol (of which there is nothing to give).
+protocol (which has no files).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Vehicle:
         return [*asked, *(message for message in made if message is not None)]
 
     def handle(self, link: int, message: Any) -> list[Output]:
-        """Answer a message that came in on a link; one for another system has no answer."""
+        """Answer a message that arrived on a link; one for another system has no answer."""
         return self._unmuted(self._answer(link, message)) if self.is_for_us(message) else []
 
     def _answer(self, link: int, message: Any) -> list[Output]:
@@ -95,7 +95,7 @@ class Vehicle:
         return self.like.handle(self.autopilot, message)
 
     def control(self, request: Any) -> tuple[dict[str, Any], list[Output]]:
-        """Answer the side channel with the state after it; raises SitlError for what it does not know."""
+        """Carry out a request of the side channel and return the state after it. Raises SitlError for a wrong one."""
         wanted = control.parse(request, type(self.autopilot.rest))
         if wanted is not None:
             self.muted = set(wanted.get("mute", self.muted))
@@ -109,7 +109,7 @@ class Vehicle:
         return Happened("position", control.state(self.autopilot))
 
     def is_for_us(self, message: Any) -> bool:
-        """Whether a message names this autopilot, or nobody."""
+        """Whether a message is addressed to this autopilot, or to all."""
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
         return system in (0, self.config.system_id) and component in (0, 1)
@@ -148,7 +148,7 @@ class Vehicle:
         )
 
     def _unmuted(self, out: list[Output]) -> list[Output]:
-        """The messages to send, with a heartbeat behind each change of mode where that is sent at once."""
+        """Leave out muted messages; add a heartbeat after a change of mode if the kind reports that at once."""
         changes = [o for o in out if isinstance(o, Happened) and o.event == "mode"]
         if changes and self.like.tells_modes_at_once:
             out = [*out, Reply(self.telemetry.make("HEARTBEAT"))]
@@ -166,7 +166,7 @@ _REQUESTS = frozenset(
 
 
 def _battery(config: DroneConfig, like: Personality[Any], parameters: Parameters) -> Energy:
-    """Of the fleet's capacity, so that rankings have something to rank; else as the kind's own simulations have it."""
+    """A battery of the fleet's capacity, so that rankings differ; else that of the kind's own simulation."""
     if config.capacity_wh is not None:
         return Battery(config.capacity_wh, config.capacity_wh * config.charge_pct / 100)
     return like.battery(parameters)
@@ -177,7 +177,7 @@ def _source(message: Any) -> tuple[int, int]:
 
 
 def _ftp_nak(message: Any) -> Any:
-    """MAVProxy asks for parameters by file first, and waits 12 s where nothing says that there is none."""
+    """Answer "file not found": MAVProxy first requests parameters as a file, and waits 12 s without an answer."""
     request = bytes(message.payload)
     sequence = (int.from_bytes(request[0:2], "little") + 1) & 0xFFFF
     header = sequence.to_bytes(2, "little") + bytes([request[2], _FTP_NAK, 1, request[3], 0, 0, 0, 0, 0, 0])

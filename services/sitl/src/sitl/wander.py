@@ -1,4 +1,4 @@
-"""How an estimator's values wander about the truth: noise with a memory, which depends on whether the drone flies."""
+"""An estimator's errors, which wander about the truth: noise with a memory, larger or smaller while the drone flies."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import math
 import random
 
 FRESH_S = 0.04
-"""Asked sooner than this it has not changed."""
+"""An error does not change within this time."""
 
 
 class Wander:
-    """One value's error: normally distributed, `at_rest` or `flying` its standard deviation, kept for about `memory_s`.
+    """One value's error, normally distributed: standard deviation `at_rest` or `flying`, kept for about `memory_s`.
 
-    The Ornstein-Uhlenbeck process, which can be asked at any times.
+    An Ornstein-Uhlenbeck process, which can be sampled at any times.
     """
 
     def __init__(self, source: random.Random, at_rest: float, flying: float, memory_s: float) -> None:
@@ -23,7 +23,7 @@ class Wander:
         self._value = 0.0
 
     def at(self, now_s: float, flies: bool) -> float:
-        """The error now; times may not go back."""
+        """The error at `now_s`, which never decreases from call to call."""
         passed_s = now_s - self._at_s
         if passed_s >= FRESH_S:
             self._at_s = now_s
@@ -40,5 +40,5 @@ class Quiet(Wander):
         super().__init__(random.Random(0), 0.0, 0.0, 1.0)
 
     def at(self, now_s: float, flies: bool) -> float:
-        """Nothing, always."""
+        """Always 0."""
         return 0.0

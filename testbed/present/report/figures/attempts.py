@@ -1,4 +1,4 @@
-"""Attempts as points: how long each mission took; packets and bytes of each scenario beside the thesis's."""
+"""Attempts as points: the time of each mission; packets and bytes of each scenario beside the thesis's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .figure import Figure, Value
 
 @dataclass(frozen=True)
 class Mission:
-    """One attempt: seconds it took, None where it failed or is void, and why."""
+    """One attempt: its mission time in seconds, None if it failed or is void, and the reason."""
 
     attempt: int
     seconds: float | None
@@ -26,7 +26,7 @@ Times = dict[str, quantity.Figure]
 
 
 def mission_time(sides: dict[str, list[Mission]], times: Times, printed: dict[str, float]) -> Figure | None:
-    """`printed` are the thesis's means. None where no mission was completed."""
+    """The figure of mission times; None if no mission was completed. `printed` are the thesis's means."""
     flown = {protocol: one for protocol, one in times.items() if one.points}
     if not flown:
         return None
@@ -96,7 +96,7 @@ def _draw_missions(sides: dict[str, list[Mission]], times: Times, printed: dict[
 
 @dataclass(frozen=True)
 class Amount:
-    """What a scenario took over a protocol: measured here, attempt by attempt, and as the thesis printed it."""
+    """An amount of a scenario over a protocol: measured here, by attempt, and from the thesis."""
 
     here: tuple[float, ...]
     thesis: float | None
@@ -107,8 +107,8 @@ Scenarios = dict[str, dict[str, Amount]]
 
 
 def scenarios(packets: Scenarios, sizes: Scenarios, slips: frozenset[tuple[str, str]]) -> Figure | None:
-    """Packets and bytes of each scenario; None where nothing was measured. `slips` are (scenario, protocol) whose
-    printed bytes are known to be wrong.
+    """The figure of each scenario's packets and bytes; None if nothing was measured. `slips` are the (scenario,
+    protocol) whose printed bytes are known to be wrong.
     """
     if not any(amount.here for by in packets.values() for amount in by.values()):
         return None

@@ -1,4 +1,4 @@
-"""Scales, ticks and what all figures share: a legend, an axis, lines for reading values."""
+"""Common parts of figures: scales, ticks, legends, axes and grid lines."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .draw import TEXT, Drawing, width_of
 
 Tick = tuple[float, str]
 _OVER = 14.0
-"""By so many pixels the name of a tick may stand out beyond its axis."""
+"""How many pixels the name of a tick may extend beyond its axis."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """From values to pixels. A logarithmic one puts what is at or below `least` at the start."""
+    """Maps values to pixels. A logarithmic scale maps values at or below `least` to the start."""
 
     least: float
     most: float
@@ -33,7 +33,7 @@ class Scale:
 
 
 def log_bounds(values: Sequence[float], least: float = 0.0) -> tuple[float, float]:
-    """Whole decades around the positive values, at least one; `least` is the lowest start."""
+    """Bounds of whole decades around the positive values, at least one decade; `least` limits the lower bound."""
     positive = [value for value in values if value > 0]
     low = math.floor(math.log10(max(min(positive, default=1.0), least or 1e-12)) + 1e-9)
     high = math.ceil(math.log10(max(positive, default=10.0)) - 1e-9)
@@ -41,14 +41,14 @@ def log_bounds(values: Sequence[float], least: float = 0.0) -> tuple[float, floa
 
 
 def decades(low: float, high: float, name: Callable[[float], str], most: int = 9) -> list[Tick]:
-    """A tick for each power of ten, or for every second or third where there are more than `most`."""
+    """A tick for each power of ten, or for every second, third or sixth if there would be more than `most`."""
     first, last = round(math.log10(low)), round(math.log10(high))
     step = next(step for step in (1, 2, 3, 6) if (last - first) / step <= most)
     return [(10.0**power, name(10.0**power)) for power in range(first, last + 1, step)]
 
 
 def steps(most: float, name: Callable[[float], str], count: int = 6) -> list[Tick]:
-    """Round numbers from 0 to `most`, at most `count` steps."""
+    """Ticks at round numbers from 0 to `most`, with at most `count` steps."""
     if most <= 0:
         return [(0.0, name(0.0))]
     unit = 10.0 ** math.floor(math.log10(most / count))
@@ -63,7 +63,7 @@ def clock(most_s: float, count: int = 8) -> list[Tick]:
 
 
 def legend(drawing: Drawing, protocols: Sequence[str], x: float, y: float) -> float:
-    """Mark and name of each side on one line, `y` its baseline; returns where it ends."""
+    """Draw mark and name of each side on one line with baseline `y`; returns its right end."""
     for protocol in protocols:
         drawing.dot((x + 4, y - 4), protocol, 3.6)
         drawing.text(x + 13, y, wording.name_of(protocol), protocol, bold=True)
@@ -72,19 +72,19 @@ def legend(drawing: Drawing, protocols: Sequence[str], x: float, y: float) -> fl
 
 
 def shade_legend(drawing: Drawing, shades: Mapping[str, str], y: float = 0.0) -> None:
-    """A square of its shade before each name, from `y` down."""
+    """Draw each name with a square of its shade, from `y` down."""
     for name, x, line in _placed(shades, drawing.width):
         drawing.rect(x, y + 4 + 20 * line, 11, 11, shades[name])
         drawing.text(x + 17, y + 14 + 20 * line, name)
 
 
 def lines_of(shades: Mapping[str, str], width: float) -> int:
-    """How many lines of 20 pixels `shade_legend` takes."""
+    """The number of lines, 20 pixels each, that `shade_legend` takes."""
     return _placed(shades, width)[-1][2] + 1
 
 
 def _placed(names: Iterable[str], width: float) -> list[tuple[str, float, int]]:
-    """Where each name goes: its x and its line; as many on a line as fit."""
+    """The x and line of each name, with as many on a line as fit."""
     found, x, line = [], 0.0, 0
     for name in names:
         needed = 17 + width_of(name) + 18
@@ -96,7 +96,7 @@ def _placed(names: Iterable[str], width: float) -> list[tuple[str, float, int]]:
 
 
 def bottom(drawing: Drawing, scale: Scale, ticks: Sequence[Tick], y: float, top: float | None = None) -> None:
-    """An axis of values below; with `top`, lines up to there for reading them. Names stay within the axis."""
+    """Draw a horizontal axis; with `top`, grid lines up to it. Names of ticks stay within the axis."""
     for value, name in ticks:
         x = scale(value)
         if top is not None:
@@ -108,7 +108,7 @@ def bottom(drawing: Drawing, scale: Scale, ticks: Sequence[Tick], y: float, top:
 
 
 def side(drawing: Drawing, scale: Scale, ticks: Sequence[Tick], left: float, right: float, named: bool = True) -> None:
-    """Lines across for reading values, with their names on the left."""
+    """Draw horizontal grid lines, with their names on the left."""
     for value, name in ticks:
         y = scale(value)
         drawing.line((left, y), (right, y), "edge")
@@ -117,7 +117,7 @@ def side(drawing: Drawing, scale: Scale, ticks: Sequence[Tick], left: float, rig
 
 
 def quantile(ordered: Sequence[float], part: float) -> float:
-    """Of ordered values, by linear interpolation."""
+    """The quantile `part` of ordered values, by linear interpolation."""
     place = part * (len(ordered) - 1)
     low = int(place)
     high = min(low + 1, len(ordered) - 1)

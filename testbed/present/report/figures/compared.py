@@ -12,7 +12,7 @@ from .figure import Figure, Value
 
 
 def compared(rows: Sequence[Row]) -> Figure | None:
-    """None where no metric has a value in both."""
+    """The figure of the comparison; None if no metric has a value in both results."""
     drawn = [row for row in rows if row.change is not None and row.first.value]
     if not drawn:
         return None

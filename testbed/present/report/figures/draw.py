@@ -1,6 +1,6 @@
-"""A drawing as a list of marks, and as SVG: colours are roles, which the page's light and dark give their values.
+"""A drawing as a list of marks, and as SVG: colours are roles, whose values the page's light and dark styles set.
 
-Lengths are CSS pixels, y runs down. The same drawing goes into a PDF by `pdf.py`.
+Lengths are CSS pixels, y points down. `pdf.py` makes a PDF of the same drawing.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from html import escape
 Point = tuple[float, float]
 
 TEXT = 12.5
-"""The size of text, in pixels at the drawing's own width."""
+"""The text size, in pixels at the drawing's own width."""
 NARROW, WIDE = 360.0, 920.0
-"""The widths at which figures are drawn, for a phone and for everything else."""
+"""The widths at which figures are drawn, for phones and for all other screens."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """A line through points, or the shape that they enclose where it is filled."""
+    """A line through points, or, if filled, the shape that they enclose."""
 
     points: tuple[Point, ...]
     role: str
@@ -62,7 +62,7 @@ Mark = Path | Dot | Text
 
 @dataclass
 class Drawing:
-    """A width, a height, and what is drawn, the last on top."""
+    """A width, a height, and marks, the last on top."""
 
     width: float
     height: float
@@ -89,7 +89,7 @@ class Drawing:
         self.area(corners, role, opacity, tip)
 
     def dot(self, at: Point, role: str, radius: float = 3.2, hollow: bool = False, tip: str = "") -> None:
-        """MAVLink's marks are diamonds, so that the sides differ without colour too."""
+        """Add a mark; MAVLink's are diamonds, so that the sides differ without colour too."""
         self.marks.append(Dot(*at, radius, role, diamond=role == "mavlink", hollow=hollow, tip=tip))
 
     def text(
@@ -106,12 +106,12 @@ class Drawing:
 
 
 def width_of(words: str, size: float = TEXT) -> float:
-    """About how wide a line of text is, in pixels; rather too much than too little."""
+    """The approximate width of a line of text, in pixels; rather too large than too small."""
     return sum(0.34 if c in " .,:;|'()ijlftr–·" else 0.92 if c in "mwMW%" else 0.6 for c in words) * size
 
 
 def svg(drawing: Drawing, name: str, title: str, description: str) -> str:
-    """The drawing for a page: scales with its place, says in words what it shows, and the same each time."""
+    """The drawing as SVG for a page: it scales with its container, has a description in words, and is reproducible."""
     inner = "\n".join(_svg_of(mark) for mark in drawing.marks)
     return (
         f'<svg viewBox="0 0 {_n(drawing.width)} {_n(drawing.height)}" role="img" '
@@ -121,7 +121,7 @@ def svg(drawing: Drawing, name: str, title: str, description: str) -> str:
 
 
 def diamond(dot: Dot) -> tuple[Point, ...]:
-    """Its corners; a little larger than the circle, so that both weigh the same."""
+    """The corners of a diamond; a little larger than the circle, so that both have the same visual weight."""
     r = 1.2 * dot.radius
     return ((dot.x, dot.y - r), (dot.x + r, dot.y), (dot.x, dot.y + r), (dot.x - r, dot.y))
 
@@ -152,7 +152,7 @@ def _svg_of(mark: Mark) -> str:
 
 
 def _route(points: Sequence[Point]) -> str:
-    """Moves and lines, straight ones in their short form."""
+    """The SVG path through points; horizontal and vertical lines in their short form."""
     x, y = points[0]
     said = [f"M{_n(x)} {_n(y)}"]
     for to_x, to_y in points[1:]:
@@ -167,6 +167,6 @@ def _route(points: Sequence[Point]) -> str:
 
 
 def _n(value: float) -> str:
-    """A tenth of a pixel is enough."""
+    """A length with a precision of a tenth of a pixel."""
     text = f"{value:.1f}".removesuffix(".0")
     return "0" if text == "-0" else text

@@ -1,4 +1,4 @@
-"""A figure: what it shows, how it is drawn at a width, and its data as a table."""
+"""A figure: its texts, its drawing at a given width, and its data as a table."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Value = str | int | float | None
 
 @dataclass(frozen=True)
 class Figure:
-    """`name` is its file's name, `shows` says in a sentence what one sees, `note` what to know to read it."""
+    """A figure. `name` is its file's name, `shows` describes it in a sentence, `note` says how to read it."""
 
     name: str
     title: str
@@ -24,7 +24,7 @@ class Figure:
     header: tuple[str, ...]
     rows: tuple[tuple[Value, ...], ...]
     sources: tuple[str, ...] = ()
-    """Which files of an attempt it is made from, as `events.jsonl`."""
+    """The files of an attempt that it is made from, as `events.jsonl`."""
 
     def wide(self) -> str:
         return svg(self.draw(WIDE), f"{self.name}-wide", self.title, self.shows)
@@ -33,7 +33,7 @@ class Figure:
         return svg(self.draw(NARROW), f"{self.name}-narrow", self.title, self.shows)
 
     def csv(self) -> str:
-        """Its data: a header, then a line a row; numbers with a point, nothing where there is no value."""
+        """The data as CSV: a header, then a line per row; decimal points, and empty cells for missing values."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.header)

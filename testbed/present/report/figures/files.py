@@ -1,4 +1,4 @@
-"""The files beside a page: each figure's data as CSV, and as a PDF for papers."""
+"""The files next to a page: each figure's data as CSV, and the figure as a PDF for papers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FOLDER = "figures"
 
 
 def write_files(folder: Path, figures: dict[str, Figure], papers: bool) -> None:
-    """`folder` has what belongs to these figures and, of CSV and PDF files, nothing else."""
+    """Write the figures' files into `folder`; its other CSV and PDF files are removed."""
     folder.mkdir(exist_ok=True)
     for old in [*folder.glob("*.csv"), *folder.glob("*.pdf")]:
         old.unlink()

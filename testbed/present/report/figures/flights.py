@@ -1,4 +1,4 @@
-"""The mission of each drone on one time axis: its height, each command from the call to its last word."""
+"""The mission of each drone on one time axis: its height, and each command from the call to its last word."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Call:
-    """A command to one drone; seconds since the mission began. `end_s` is None when no last word came."""
+    """A command to one drone; seconds since the mission began. `end_s` is None without a last word."""
 
     command: str
     start_s: float
@@ -30,7 +30,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the mission, by the ground station; seconds since the mission began."""
+    """A step of the mission by the ground station's events; seconds since the mission began."""
 
     name: str
     start_s: float
@@ -58,7 +58,7 @@ def flights_of(
     end_s: float,
     completed: bool,
 ) -> Flights:
-    """What the autopilots and the ground station wrote down."""
+    """Collect an attempt's flights from the events of autopilots (`sitl`) and ground station (`events`)."""
     heights = {}
     for node, log in sitl.items():
         seen = [(_since(e["t_ns"], start_ns), float(e["altitude_m"])) for e in log if e["event"] == "position"]
@@ -75,7 +75,7 @@ def flights_of(
 
 
 def _calls_of(drone: str, events: list[dict[str, Any]], start_ns: int) -> tuple[Call, ...]:
-    """Calls that name the drone, and those for its whole fog that it answered."""
+    """The calls to the drone, and those to its whole fog that it answered."""
     last = {e["call"]: e for e in events if e["event"] == "outcome" and e["final"] and str(e["drone"]) == drone}
     found = []
     for event in events:
@@ -89,7 +89,7 @@ def _calls_of(drone: str, events: list[dict[str, Any]], start_ns: int) -> tuple[
 
 
 def _steps_of(events: list[dict[str, Any]], start_ns: int, end_s: float) -> tuple[Step, ...]:
-    """One that never ended lasts until the end."""
+    """The mission's steps; one that never ended lasts until the mission's end."""
     done = {event["name"]: event for event in events if event["event"] == "step_done"}
     found = []
     for event in events:
@@ -101,7 +101,7 @@ def _steps_of(events: list[dict[str, Any]], start_ns: int, end_s: float) -> tupl
 
 
 def flights(sides: list[Flights], name: str = "flights") -> Figure | None:
-    """None when nothing flew."""
+    """The figure of flights; None if nothing flew."""
     drones = list(dict.fromkeys(drone for side in sides for drone in side.heights))
     if not drones:
         return None

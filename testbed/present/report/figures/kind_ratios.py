@@ -1,4 +1,4 @@
-"""The message set's traffic: MAVLink's over MQTT-XT's for each kind, here and in the thesis."""
+"""The message set's traffic: the ratio of MAVLink's to MQTT-XT's for each kind, here and in the thesis."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PANELS = ("packets", "bytes")
 
 @dataclass(frozen=True)
 class Ratio:
-    """MAVLink / MQTT-XT of a kind, with everything counted, with its own frames alone, and as the thesis has it."""
+    """MAVLink / MQTT-XT for a kind: with all frames, with its own frames alone, and in the thesis."""
 
     with_states: float | None
     alone: float | None
@@ -22,16 +22,16 @@ class Ratio:
     contradicted: bool = False
     """Whether the thesis's own figures contradict its ratio."""
     amounts: dict[str, dict[str, float]] = field(default_factory=dict)
-    """What they are made of: for one message by the ratio's name and protocol."""
+    """The amounts per message, by the ratio's name and protocol."""
 
 
 Kinds = dict[str, dict[str, Ratio]]
-"""By kind, of packets and of bytes."""
+"""By kind the ratios of packets and of bytes."""
 _MARKS = (("with_states", "all on the links"), ("alone", "its own frames"), ("thesis", "thesis"))
 
 
 def kind_ratios(kinds: Kinds) -> Figure | None:
-    """None where no kind has both sides."""
+    """The figure of ratios by kind; None if no kind has both sides."""
     here = {
         name: by
         for name, by in kinds.items()

@@ -1,4 +1,4 @@
-"""The message set's packet sizes: all frames while a kind was on, in Wireshark's bins."""
+"""The message set's packet sizes: all frames while a kind was measured, in Wireshark's bins."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BAR, _BELOW, _LEFT = 8.0, 42.0, 84.0
 
 
 def counts_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> Counts:
-    """All completed attempts of a side together."""
+    """Sum the frames of each side's completed attempts."""
     found: Counts = {}
     for name in order:
         for protocol, attempts in completed.items():
@@ -29,7 +29,7 @@ def counts_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) 
 
 
 def kind_sizes(counts: Counts) -> Figure | None:
-    """None where there are no frames."""
+    """The figure of sizes by kind; None without frames."""
     if not counts:
         return None
     used = [place for place in range(len(BINS)) if any(bins[place] for by in counts.values() for bins in by.values())]

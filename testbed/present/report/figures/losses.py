@@ -23,7 +23,7 @@ _SHADES = {"random": "l1", "queue": "l2", "closed": "l0", "overload": "bad", "co
 
 @dataclass(frozen=True)
 class Lost:
-    """Of one directed link: frames that entered it, and those of them that were lost, by cause."""
+    """The frames that entered one directed link, and by cause those of them that were lost."""
 
     entered: int
     by_cause: dict[str, int]
@@ -42,9 +42,9 @@ Links = dict[str, dict[str, Lost]]
 
 
 def losses(sides: Links, since_start: bool) -> Figure | None:
-    """None where nothing was lost: then a sentence says so.
+    """The figure of losses; None if nothing was lost, for which there is a sentence instead.
 
-    `since_start`: counted from the links' start on, else in the whole run.
+    `since_start`: counted since the links' start, else in the whole run.
     """
     names = [name for name in _names(sides) if any(links[name].frames for links in sides.values() if name in links)]
     if not names:

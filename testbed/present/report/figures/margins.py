@@ -1,4 +1,4 @@
-"""Found beside published: each line's interval within its margin, all divided by the published figure."""
+"""Measured beside published figures: each line's interval and its margin, all divided by the published figure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LINE, _HEAD = 22.0, 30.0
 
 
 def margins(lines: Sequence[tuple[str, str, Judged]]) -> Figure:
-    """Of (cell, name, line as judged); what was published as 0 has no place on the scale, and is in the data alone."""
+    """The figure of (cell, name, judged line); lines published as 0 do not fit on the scale, and are only in the data."""
     table: list[tuple[Value, ...]] = []
     for cell, name, judged in lines:
         found = judged.estimate

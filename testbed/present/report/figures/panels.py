@@ -1,4 +1,4 @@
-"""Small multiples: a panel a kind, five beside each other, or two where it is narrow."""
+"""Small multiples: a panel per kind, five side by side, or two if the width is small."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LEFT, GAP, TOP = 52.0, 16.0, 48.0
 
 @dataclass(frozen=True)
 class Panel:
-    """Where a kind's panel is: its left and top, its width and height, and whether it is the first of its line."""
+    """The place of a kind's panel: left, top, width and height, and whether it is the first in its line."""
 
     name: str
     x: float
@@ -24,7 +24,7 @@ class Panel:
 
 
 def lay_out(names: Sequence[str], width: float, high: float, below: float, left: float = LEFT) -> list[Panel]:
-    """`high` is the height of each panel, `below` what it needs under it for its axis and the next one's name."""
+    """Place the panels. `high` is each one's height, `below` the room under it for its axis and the next one's name."""
     columns = 2 if width < 600 else 5
     wide = (width - left - (columns - 1) * GAP - 4) / columns
     return [
@@ -41,7 +41,7 @@ def lay_out(names: Sequence[str], width: float, high: float, below: float, left:
 
 
 def begin(panels: Sequence[Panel], protocols: Sequence[str], width: float, below: float) -> Drawing:
-    """A drawing as tall as the panels need, with the legend on top and each one's name above it."""
+    """A drawing as tall as the panels need, with the legend on top and each panel's name above it."""
     last = panels[-1]
     drawing = Drawing(width, last.y + last.high + below - 16)
     legend(drawing, protocols, 0, 13)

@@ -1,4 +1,4 @@
-"""What the bytes are made of: a bar a side, by layer or by purpose."""
+"""The parts of the bytes, by layer or by purpose: a bar per side."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Parts = dict[str, dict[str, int]]
 
 
 def parts(name: str, title: str, note: str, order: Sequence[str], sides: Parts) -> Figure | None:
-    """None where there are no bytes. `order` names the parts from left to right; at most seven."""
+    """The figure of parts; None without bytes. `order` has the parts from left to right, at most seven."""
     totals = {p: sum(by.values()) for p, by in sides.items() if sum(by.values())}
     if not totals:
         return None

@@ -21,12 +21,12 @@ LIGHT = {
     },
 }
 _FONT = 0.9
-"""DejaVu, which matplotlib brings along, is wider than the page's fonts; its text is set smaller."""
+"""The factor on text sizes: matplotlib's font DejaVu is wider than the page's fonts."""
 
 
 def pdf(drawing: Drawing, title: str) -> bytes:
-    """The same bytes for the same drawing: no dates, no names of machines."""
-    import matplotlib  # here, because it takes long to load and most of the report needs none of it
+    """Make a PDF. The same drawing gives the same bytes: it has no dates and no names of machines."""
+    import matplotlib  # here, because it loads slowly and most of the report does not need it
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D

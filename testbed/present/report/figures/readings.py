@@ -1,4 +1,4 @@
-"""What sensors measured over time and what of it arrived, and how long each value took."""
+"""The sensors' values over time, those that arrived, and how long each took."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Side:
-    """The values of one side's shown attempt; `start_ns` is when its mission began."""
+    """The values of one side's attempt in detail; `start_ns` is when its mission began."""
 
     measured: tuple[Measured, ...]
     start_ns: int
@@ -35,13 +35,13 @@ class Side:
 Sides = dict[str, Side]
 _Panel = tuple[str, int]
 MOST_MARKS = 60
-"""Values of a series up to which each has a mark."""
+"""The most values of a series for which each one has a mark."""
 KINDS = tuple(UNITS)
-"""In this order from above; other kinds follow."""
+"""The order of the rows from the top; other kinds follow."""
 
 
 def values(sides: Sides) -> Figure | None:
-    """A panel for each kind and drone, all of a kind to one scale; None where nothing was measured."""
+    """The figure with a panel per kind and drone, one scale per kind; None if nothing was measured."""
     seen = {(one.kind, one.drone) for side in sides.values() for one in side.measured}
     panels = sorted(seen, key=lambda panel: (KINDS.index(panel[0]) if panel[0] in KINDS else len(KINDS), *panel))
     if not panels:
@@ -69,7 +69,7 @@ def values(sides: Sides) -> Figure | None:
 
 
 def delays(sides: Sides) -> Figure | None:
-    """The share of values that arrived within a time; None where none arrived."""
+    """The figure of the share of values that arrived within a time; None if none arrived."""
     kinds: dict[str, dict[str, Delays]] = {}
     for title, of in (("node to node, by capture", "delay_ms"), ("measured to told, by the program", "delay_app_ms")):
         for p, side in sides.items():
@@ -112,7 +112,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _draw(sides: Sides, panels: list[_Panel], width: float) -> Drawing:
-    """Where it is narrow, three drones stand beside each other and the others below them."""
+    """Draw the panels; if the width is small, three drones are side by side and the others below them."""
     kinds, drones = list(dict.fromkeys(kind for kind, _ in panels)), sorted({drone for _, drone in panels})
     columns = min(len(drones), 3 if width < 600 else 6)
     groups = [drones[at : at + columns] for at in range(0, len(drones), columns)]
@@ -167,7 +167,7 @@ def _draw_series(drawing: Drawing, protocol: str, side: Side, panel: _Panel, acr
 
 
 def _bounds(kind: str, sides: Sides) -> tuple[float, float]:
-    """The least and the greatest value of a kind, never the same."""
+    """The least and the greatest value of a kind; never equal."""
     seen = [one.value for side in sides.values() for one in side.measured if one.kind == kind]
     return min(seen), max(max(seen), min(seen) + 1e-3)
 

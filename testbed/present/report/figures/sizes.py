@@ -1,4 +1,4 @@
-"""Packet sizes, in the bins that Wireshark and the thesis have."""
+"""Packet sizes, in the bins of Wireshark and of the thesis."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BINS = ((0, 19), (20, 39), (40, 79), (80, 159), (160, 319), (320, 639), (640, 12
 
 
 def histogram(counts: dict[str, tuple[int, ...]]) -> Figure | None:
-    """`counts` has each side's frames by bin; None where there are none."""
+    """The figure of packet sizes; None without frames. `counts` has each side's frames by bin."""
     used = [place for place in range(len(BINS)) if any(by_bin[place] for by_bin in counts.values())]
     if not used:
         return None

@@ -1,4 +1,4 @@
-"""The nodes and the links between them, with what was measured on each link."""
+"""The nodes and the links between them, with each link's measurements."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SMALL = TEXT - 1.5
 
 @dataclass(frozen=True)
 class Quantity:
-    """A figure of a directed link: as it was configured and as it was measured; None: unlimited or not measured."""
+    """A figure of a directed link, configured and measured; None: unlimited or not measured."""
 
     configured: float | None
     measured: float | None
@@ -22,7 +22,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Way:
-    """One direction of a link: delay in milliseconds, rate in bits a second, loss as a share."""
+    """One direction of a link: delay in milliseconds, rate in bits per second, loss as a share."""
 
     delay_ms: Quantity
     rate_bps: Quantity
@@ -31,7 +31,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Link:
-    """A link from the node below to the one above, and its two ways where something is known of them."""
+    """A link from its lower to its upper node, and its two directions, None if nothing is known of one."""
 
     name: str
     lower: str
@@ -41,7 +41,7 @@ class Link:
 
 
 def topology(links: list[Link], profile: str, shaper: str) -> Figure | None:
-    """None without links."""
+    """The figure of nodes and links; None without links."""
     if not links:
         return None
     measured = any(_label(way, True) for link in links for way in (link.up, link.down))
@@ -85,7 +85,7 @@ def _rows(link: Link) -> list[tuple[Value, ...]]:
 
 
 def _label(way: Way | None, measured: bool) -> str:
-    """'25 ms · 20 Mbit/s · 1 %', as far as there is something to say."""
+    """'25 ms · 20 Mbit/s · 1 %', without figures that are unknown or zero."""
     if way is None:
         return ""
     said = []
@@ -104,7 +104,7 @@ def _children(links: list[Link]) -> dict[str, list[Link]]:
 
 
 def _draw_tree(links: list[Link], measured: bool, width: float) -> Drawing:
-    """The ground station on the left, the drones on the right; a row for each that has none below it."""
+    """Draw the ground station on the left and the drones on the right; a row for each node with none below it."""
     children = _children(links)
     root = next(link.upper for link in links if link.upper not in {other.lower for other in links})
     station = next((link for link in children[root] if link.lower not in children and link.lower == "gs"), None)
@@ -159,7 +159,7 @@ def _draw_labels(drawing: Drawing, link: Link, x: float, y: float, measured: boo
 
 
 def _draw_list(links: list[Link], measured: bool, width: float) -> Drawing:
-    """For a phone: the tree from the cloud down, a row a node."""
+    """Draw the tree from the cloud down, a row per node, for phones."""
     children = _children(links)
     root = next(link.upper for link in links if link.upper not in {other.lower for other in links})
     rows: list[tuple[Link | None, str, int]] = [(None, root, 0)]

@@ -1,4 +1,4 @@
-"""Traffic over time: bytes a second on each link, the load of each fog and the total load."""
+"""Traffic over time: bytes per second on each link, the load of each fog, and the total load."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from .draw import TEXT, Drawing
 from .figure import Figure
 
 Rates = dict[str, tuple[int, ...]]
-"""By name the bytes of each second."""
+"""By name the bytes in each second."""
 _LEAST = 10.0
 _HIGH = 74.0
 
 
 def traffic(links: dict[str, Rates], loads: dict[str, Rates], seconds: dict[str, float]) -> Figure | None:
-    """By protocol the bytes a second of each directed link, and L(x) of each fog with their total as equations (1)
-    and (2) have them. None where nothing was sent.
+    """The figure of bytes per second on each link, and of L(x) of each fog and their total, by equations (1) and (2).
 
-    `seconds` is how long each mission took: a last second that is only a part of one is in the data, not in the lines.
+    All arguments are by protocol; `links` has directed links. `seconds` is how long each mission took: an incomplete
+    last second is in the data, not in the lines. None if nothing was sent.
     """
     shown = {p: _both_ways(rates) for p, rates in links.items()}
     names = list(dict.fromkeys(name for rates in shown.values() for name in rates))

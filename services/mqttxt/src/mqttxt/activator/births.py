@@ -1,4 +1,4 @@
-"""Signed births passed on unchanged: stations learn the drones' certificates, drones those of their stations."""
+"""Relays signed births unchanged: stations learn the drones' certificates, drones those of their stations."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ class Births:
         self._of_drones: dict[int, bytes] = {}
 
     def on_drone(self, drone: int, payload: bytes) -> list[Effect]:
-        """A drone is there (again): it hears of the registered stations, and they of it."""
+        """A drone's birth: relay it to the stations, and the registered stations' births to the drone."""
         self._of_drones[drone] = payload
         told = [self._publish(station, drone) for station in self._stations if self._is_told(station)]
         return [self._of_drone(drone), *told]
 
     def on_station(self, station: str, certificate: Certificate, session: int, payload: bytes) -> list[Effect]:
-        """A station's birth, which names a session of its own."""
+        """A station's birth with a session of its own: relay it to the drones if that is registered."""
         self._stations[station] = certificate, session, payload
         return self.on_registered(station)
 
     def on_registered(self, station: str) -> list[Effect]:
-        """A station is registered: the drones hear of it."""
+        """A station has registered: relay its birth to the drones."""
         if station not in self._stations:
             return []
         numbers = [link.number for link in self._drones.links.values() if link.up]
         return [self._publish(station, number) for number in numbers if self._is_told(station)]
 
     def of_drones(self) -> list[Effect]:
-        """What the cloud broker is to keep, for a session of the activator that was just born."""
+        """Publish the drones' births, for the cloud broker to retain, after the activator's own birth."""
         return [self._of_drone(drone) for drone in self._of_drones]
 
     def _is_told(self, station: str) -> bool:

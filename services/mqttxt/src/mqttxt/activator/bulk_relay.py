@@ -1,4 +1,4 @@
-"""Objects in pieces through the activator: passed on as they come, nothing is kept (docs/protocol.md, section 16)."""
+"""Relays objects in pieces, and keeps none of them (docs/protocol.md, section 16)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .drones import CLOUD, FOG, Drones
 from .leases import Leases
 
 MOST_UNANSWERED = 8
-"""Messages to a drone without an answer: a station that keeps to the rules sends two."""
+"""How many unanswered messages a drone may have; a station that keeps to the rules sends two."""
 FORGIVEN_MS = 2000
-"""How long it takes until what was not answered counts as lost."""
+"""How long after the first of them unanswered messages count as lost."""
 
 
 class BulkRelay:
-    """What the station in control says to a drone, and what the drone answers."""
+    """Relays messages of the station in control to a drone, and the drone's answers."""
 
     def __init__(
         self,
@@ -37,10 +37,10 @@ class BulkRelay:
         self._leases = leases
         self._owners = owners
         self._unanswered: dict[int, tuple[int, int]] = {}
-        """By drone: how many, and since when."""
+        """By drone: how many messages, and when the first of them was sent, ms."""
 
     def on_ask(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A station's message; raises PayloadError."""
+        """Relay a station's message on `fogX/droneY/bulk`; raises PayloadError."""
         drone, payload = topic.drone, message.payload
         to, seal = self._fog.bulk(drone), self._to_fog.seal
         if seal is None:
@@ -58,13 +58,13 @@ class BulkRelay:
         return [Publish(FOG, to, payload, qos=0)]
 
     def on_answer(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A drone's message; raises PayloadError."""
+        """Relay a drone's message on `droneY/bulk_answer`; raises PayloadError."""
         decode(BulkAnswer, self._to_fog.opened(message, f"drone{topic.drone}"))
         self._unanswered.pop(topic.drone, None)
         return [Publish(CLOUD, self._cloud.drone_bulk_answer(topic.drone), message.payload, qos=0)]
 
     def _may_pass(self, drone: int, now_ms: int) -> bool:
-        """Whether a drone has room for one more message: a flood stays on this side of its link."""
+        """Count a message for a drone; returns whether to send it. So a flood does not reach the drone's link."""
         count, since_ms = self._unanswered.get(drone, (0, now_ms))
         if now_ms - since_ms > FORGIVEN_MS:
             count, since_ms = 0, now_ms

@@ -1,8 +1,8 @@
-"""The activator's way with commands: admit, forward within the deadline, close what nobody answers.
+"""The activator's relay of commands: admit, forward within the deadline, close the unanswered.
 
 Before it publishes a command to the fog broker only the activator may close it; afterwards only the UAV
 client, until the deadline, the limit and a grace have passed. A command that names an earlier session of this
-activator is never executed: that session may have forwarded it, so the drones are asked what became of it.
+activator is never executed: that session may have forwarded it, so the drones are asked for its outcome.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ from .legs import CHOSEN, Job, Leg
 from .signed_commands import SignedCommand, SignedCommands
 
 FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
-"""A drone is busy from one of these to its last word."""
+"""A drone is busy from one of these commands to its last word."""
 SAFETY = (*OVERRIDING, Disarm, Pause)
-"""What goes over every connection to a drone at once."""
+"""Commands that are sent over every connection to a drone at once (R19.4)."""
 LIST_PER_PLACE = 10
-"""Drones of a choice's list that take a place of the ledger: they need as much memory as a command."""
+"""How many drones of a choice's list take one place of the ledger: they need as much memory as a command."""
 SECOND_MS = 500
-"""So long after a command went over one connection it goes over all, where no word has come."""
+"""How long after a command was sent over one connection it is sent over all, unless a word has arrived (R19.5)."""
 
 
 class Relay:
     """The commands of one activator session; `words` publishes their results.
 
-    `on_…` methods take what arrived and return effects. `on_overriding` hears of the sessions whose hold, land or
-    return was admitted. While `is_audited` says no, commands other than these are denied (R14.6).
+    `on_overriding` is called with the session of the station whose hold, land or return was admitted. While
+    `is_audited` returns false, other commands than these are denied (R14.6).
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Relay:
         self.words = RelayWords(session, to_cloud, cloud, drones, leases, self.ledger)
         self.fog_connected = False
         self.has_paths = False
-        """Whether the fog is reached over several connections."""
+        """Whether the fog has several connections."""
         self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
         self.is_audited: Callable[[], bool] = lambda: True
@@ -123,7 +123,7 @@ class Relay:
         signed: SignedCommand | None = None,
         select: SelectMessage | None = None,
     ) -> tuple[Entry[Job] | None, list[Effect]]:
-        """Admit a command, or what a `select` asks; None where it was a duplicate or is denied, with the answer."""
+        """Admit a command or a `select`; returns its entry, None if it is a duplicate or refused, and the effects."""
         known = command.executor_session == self._session and command.deadline_ms is not None
         deadline_ms = command.deadline_ms if known and command.deadline_ms is not None else now_ms
         keep_ms = min(deadline_ms, now_ms + MAX_TTL_MS)
@@ -158,7 +158,7 @@ class Relay:
         return (entry, out) if refusal is None else (None, out + self.refuse(entry, refusal, now_ms))
 
     def _station(self, gs_session: int) -> Hashable:
-        """What a station is known by: the name in its certificate, and where nothing is signed its session."""
+        """A station's key: the name in its certificate, or its session if messages are not signed."""
         return (self._owners.owner(gs_session) if self.signed is not None else None) or gs_session
 
     def _audited(self, command: CommandMessage, target: int | None, select: SelectMessage | None, now_ms: int) -> Audit:
@@ -179,7 +179,7 @@ class Relay:
         return self.words.deny_whole(entry, reason, now_ms)
 
     def busy_drones(self) -> set[int]:
-        """The drones that fly or start a command which has no last word yet."""
+        """The drones with a flying command that has no last word yet."""
         return {
             leg.drone
             for entry in self.ledger.open_entries()
@@ -188,9 +188,9 @@ class Relay:
         }
 
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
-        """PUBACK of a forwarded command; nobody subscribed means that it was not published.
+        """The PUBACK of a forwarded command; "no matching subscribers" means that it was not published (R5.9).
 
-        Where commands are signed no broker is believed: it may have delivered it all the same (R12.10).
+        If commands are signed, that is not believed: the broker may have delivered the command nevertheless (R12.10).
         """
         command_id, drone = ref
         entry = self.ledger.get(command_id)
@@ -202,7 +202,7 @@ class Relay:
         return []
 
     def on_drone_reachable(self, link: DroneLink, now_ms: int) -> list[Effect]:
-        """A drone is (again) there: what is open for it is sent once more, as a query where it has a new session."""
+        """A drone is reachable again: send its open commands once more, as queries if it has a new session."""
         return [
             effect
             for entry in self.ledger.open_entries()
@@ -212,12 +212,12 @@ class Relay:
         ]
 
     def on_path(self, now_ms: int) -> list[Effect]:
-        """The connections to the fog have changed: what is open goes over all of them, the same bytes."""
+        """The connections to the fog have changed: send open commands over all of them, the same bytes (R19.5)."""
         there = [link for link in self._drones.links.values() if link.announced]
         return [effect for link in there for effect in self.on_drone_reachable(link, now_ms)]
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """Commands that nobody answers: asked for again, and at last unconfirmed."""
+        """Repeat unanswered commands, close overdue ones as `unconfirmed`, and answer repetitions that are due."""
         again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
         out = [effect for entry in again if entry is not None for effect in self.words.repeat(entry, now_ms)]
         for entry in self.ledger.open_entries():
@@ -246,7 +246,7 @@ class Relay:
         return None
 
     def _broadcast(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """Send a command to all of its roster; what is said of it to the station wakes nobody before it has left."""
+        """Send a command to its whole roster, before anything is published to the station about it."""
         job = entry.record
         roster = self._asked(job.query)
         job.legs.update((listed.drone, Leg(listed.drone)) for listed in roster)  # none is over before all are
@@ -260,7 +260,7 @@ class Relay:
         return [*sent, *said]
 
     def _places(self, job: Job, select: SelectMessage | None) -> int:
-        """How many places of the ledger a command takes: one for each drone that may get it, or for some of a list."""
+        """The places that a command takes in the ledger: one per drone that may get it, or per LIST_PER_PLACE."""
         if job.target not in (None, CHOSEN):
             return 1
         asked = len(self._asked(job.query))
@@ -269,11 +269,11 @@ class Relay:
         return max(1, asked)
 
     def _asked(self, query: bool) -> tuple[RosterEntry, ...]:
-        """Whom a broadcast is for."""
+        """The drones of a broadcast, or of a query to all."""
         return self._drones.asked() if query else self._drones.roster()
 
     def forward(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
-        """Send a command to a drone, for the first time: closed here if it cannot be, else from then on the drone's."""
+        """Send a command to a drone for the first time, or close it; once it is sent, only the drone may close it."""
         job, link = entry.record, self._drones.links.get(drone)
         leg = job.legs.setdefault(drone, Leg(drone))
         refusal = job.signed.refusal(job.message.command, drone) if job.signed is not None else None

@@ -1,4 +1,4 @@
-"""An activator's results: the drones' words as it passes them on, and words of its own."""
+"""An activator's results: the drones' words that it passes on, and words of its own."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from .together import WordsTogether
 
 
 class RelayWords:
-    """The words about one activator session's commands. `on_last_word` hears of each closed leg of a chosen drone.
+    """The words about one activator session's commands. `on_last_word` is called for each closed leg of a choice.
 
-    All of them leave in the order in which they were said: those that wait in `together` before any other.
+    Words are published in their order: those that wait in `together` before any other.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class RelayWords:
     def on_result(
         self, link: DroneLink, payload: bytes, name: str, now_ms: int, signed: Envelope | None = None
     ) -> list[Effect]:
-        """A word of the drone bound to `link`, as it was `signed`: relayed unless it repeats an earlier one."""
+        """Relay a word of the drone bound to `link`, in its envelope `signed`, unless it repeats an earlier one."""
         result = decode(ResultMessage, payload)
         if result.session != link.session or link.clock is None:
             return [Log("unknown_session", f"result of drone {link.number} from session {result.session:08x}")]
@@ -84,11 +84,11 @@ class RelayWords:
         return self._say(entry, leg, relayed, now_ms)
 
     def close(self, entry: Entry[Job], leg: Leg, word: Word, reason: str | None, now_ms: int) -> list[Effect]:
-        """The activator's own last word for a drone."""
+        """Close a leg with a last word of the activator's own."""
         return self._say(entry, leg, self._own(entry.id, word, reason, now_ms), now_ms)
 
     def say_roster(self, entry: Entry[Job], roster: tuple[RosterEntry, ...], now_ms: int) -> list[Effect]:
-        """Whom a broadcast is for."""
+        """Publish the roster of a broadcast."""
         result = self._fog_result(entry.id, roster, None, now_ms)
         name = entry.record.message.command.name
         entry.record.answer = alone = self._publish_of_fog(name, result)
@@ -97,14 +97,14 @@ class RelayWords:
         return [*self.together.open(name, entry.id, roster, alone, now_ms)]
 
     def deny_whole(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
-        """Why the whole fog is denied a command."""
+        """Deny a command for the whole fog."""
         result = self._fog_result(entry.id, None, reason, now_ms)
         entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
         audit = Audit("word", result, now_ms, self._name, None, self._channel.seal is not None)
         return [audit, *self.together.flush(now_ms), entry.record.answer]
 
     def deny(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> list[Effect]:
-        """A denial of something that has no place in the ledger."""
+        """Deny a command that has no place in the ledger."""
         if drone is None or drone == CHOSEN:
             denial = self._publish_of_fog(name, self._fog_result(command_id, None, reason, now_ms))
         else:
@@ -112,7 +112,7 @@ class RelayWords:
         return [*self.together.flush(now_ms), denial]
 
     def repeat(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """A duplicate hears the roster, each drone's newest word, and the truth behind that, as they were published."""
+        """Answer a duplicate: repeat the roster, each drone's newest word and the `settled` one after it, unchanged."""
         answer = [entry.record.answer] if entry.record.answer is not None else []
         said = (word for leg in entry.record.legs.values() for word in leg.said)
         return [*self.together.flush(now_ms), *answer, *said]
@@ -145,13 +145,13 @@ class RelayWords:
         return out
 
     def _audited(self, leg: Leg, word: ResultMessage, now_ms: int) -> Audit:
-        """A last word of a drone, or of this activator in its place."""
+        """The audit record of a last word, of a drone or of this activator in its place."""
         who = self._name if word.session == self._session else f"drone{leg.drone}"
         is_signed = self._channel.seal is not None and (who == self._name or word in leg.signed)
         return Audit("word", word, now_ms, who, leg.drone, is_signed)
 
     def _is_in_offboard(self, drone: int) -> bool:
-        """Whether another offboard command is open for a drone: its lease has to be renewed often."""
+        """Whether an offboard command is open for a drone, so that its lease must be renewed often."""
         jobs = [entry.record for entry in self._ledger.open_entries()]
         legs = [job.legs[drone] for job in jobs if drone in job.legs and isinstance(job.message.command, Offboard)]
         return any(not leg.is_closed for leg in legs)
@@ -185,7 +185,7 @@ class RelayWords:
         return BeaconMessage(session=self._session, now_ms=now_ms)
 
     def _publish(self, drone: int, name: str, result: ResultMessage, signed: Envelope | None = None) -> Publish:
-        """A word; one that its drone signed as it is, with what the relay says of it beside it (R12.11)."""
+        """Publish a word; one that its drone signed is passed on unchanged, with the relay's route (R12.11)."""
         topic = self._cloud.drone_result(drone, name)
         if signed is None:
             return self._channel.publish(topic, result)

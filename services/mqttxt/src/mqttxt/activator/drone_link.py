@@ -1,4 +1,4 @@
-"""One drone as its activator knows it: the session bound to its number, its clock and last states."""
+"""One drone at its activator: the session bound to its number, its clock and last states."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from ..core.clock import RemoteClock, stamp_supersedes
 from ..protocol.state_payload import PlainState
 
 STATE_KEPT_MS = 600_000
-"""A stamp's span is 655 s: older states are not published any more."""
+"""Older states are no longer published, because a stamp's span is 655 s."""
 
 
 @dataclass(slots=True)
 class Known:
-    """A state as it came, and when; `said_ms` is a lower bound of when the drone sent it, once its clock is known."""
+    """A state as received. `said_ms` is the earliest time at which the drone sent it, once its clock is known."""
 
     state: PlainState
     received_ms: int
@@ -22,7 +22,7 @@ class Known:
 
 @dataclass
 class DroneLink:
-    """One drone: the session bound to its number, and what is known of it."""
+    """One drone: the session bound to its number, and everything known of it."""
 
     number: int
     session: int | None = None
@@ -40,23 +40,23 @@ class DroneLink:
     heard_ms: int | None = None
     leases: int = 0
     paths: set[str] = field(default_factory=set)
-    """The connections over which the bound session is there."""
+    """The connections over which the bound session is present."""
     path: str = ""
-    """That of its newest beacon: the better one, as the drone measures them."""
+    """The connection of its newest beacon: the better one, as the drone measures them."""
     gone_at_ms: int | None = None
-    """When it is taken for gone, unless it echoes a lease that was sent from `CONTEST_MS` before that on."""
+    """When the drone counts as gone, unless it echoes a lease sent at most `CONTEST_MS` before that."""
     missed: bool = False
-    """Whether the connection to the fog broker is another one, and the drone has not echoed a lease that says so."""
+    """Whether the drone's connection was lost, and it has not echoed a lease since then (`anew` in R6.10)."""
 
     def age_ms(self, name: str, now_ms: int) -> int | None:
-        """Upper bound of a state's age; None where it or the drone's clock is not known."""
+        """Upper bound of a state's age, ms; None if it or the drone's clock is not known."""
         said_ms = self.said_ms(name, now_ms)
         return None if said_ms is None else now_ms - said_ms
 
     def said_ms(self, name: str, now_ms: int) -> int | None:
-        """A lower bound, in the own time, of when the drone sent a state; None where that or its clock is not known.
+        """The earliest own time at which the drone sent a state; None if the state or the drone's clock is not known.
 
-        Decided once: a bound of the drone's clock that came later says nothing about earlier times.
+        Computed once per state: a later bound of the drone's clock does not apply to earlier times.
         """
         known = self.states.get(name)
         if known is None or self.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
@@ -70,7 +70,7 @@ class DroneLink:
         return self.up and self.clock is not None and self.clock.is_live(now_ms, interval_ms)
 
     def bind(self, session: int, paths: set[str]) -> None:
-        """The number is a new session's: nothing is known of that yet but that it is there."""
+        """Bind the number to a new session, of which nothing is known yet except that it is present over `paths`."""
         self.session = session
         self.challenger = None
         self.paths = set(paths)
@@ -84,7 +84,7 @@ class DroneLink:
         self.heard_ms = None
 
     def keep_state(self, state: PlainState, now_ms: int) -> bool:
-        """Keep a state if it is newer than what is known, and say whether it is."""
+        """Keep a state if it is newer than the known one; returns whether it is."""
         if self.clock is None:
             return False
         known = self.states.get(state.name)

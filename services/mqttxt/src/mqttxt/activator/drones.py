@@ -1,4 +1,4 @@
-"""The drones of one fog as its activator knows them: who is there, and what stations and drones are told of that."""
+"""The drones of one fog at its activator: their presence, their records for stations, and their leases."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .leases import Key, Leases
 FOG = "fog"
 CLOUD = "cloud"
 CONTEST_MS = 1500
-"""How long the bound session of a number has to answer when a second one appears, or it may be gone."""
+"""How long the bound session has to answer when a second one appears, or when it may be gone (R9.5, R19.1)."""
 OFFBOARD_LEASE_MS = 3000
 """How long an offboard flight may go on after its station's newest renewal was sent."""
 OFFBOARD_RENEWAL_MS = 500
@@ -27,8 +27,8 @@ OFFBOARD_RENEWAL_MS = 500
 class Drones:
     """Every drone configured for the fog or seen in this session.
 
-    `appeared` and `roster_changed` are what the activator has yet to act upon. `tells`: it is the fog's, and says so of
-    drones; before that it reads what another session has retained of them.
+    `appeared` has drones, and `roster_changed` a change, that the activator has not handled yet. `tells`: this session
+    is the fog's activator and publishes records; before that it reads the records of another session.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Drones:
         self.links: dict[int, DroneLink] = {number: DroneLink(number) for number in configured}
         self._of_before: set[int] = set()
         self.were_shown = False
-        """Whether the broker has shown records of an earlier session by wildcard: then it has shown all of them."""
+        """Whether the broker has shown an earlier session's records by wildcard, and so has shown all of them."""
         self._shown_wrong: dict[int, Rebirth] = {}
         self.appeared: list[DroneLink] = []
         self.roster_changed = False
@@ -64,12 +64,12 @@ class Drones:
         )
 
     def asked(self) -> tuple[RosterEntry, ...]:
-        """Whom an earlier session of this activator may have sent a command: roster, and the drones of its records."""
+        """The drones to which an earlier session may have sent a command: the roster, and those in its records."""
         missing = (RosterEntry(drone=number) for number in self._of_before - self.links.keys())
         return tuple(sorted((*self.roster(), *missing), key=lambda entry: entry.drone))
 
     def forget_connections(self) -> list[int]:
-        """The fog broker is gone: no drone is reachable until it says so again. Returns those that were."""
+        """The fog broker is lost: no drone is reachable until its next birth. Returns those that were reachable."""
         gone = [link.number for link in self.links.values() if link.announced]
         for link in self.links.values():
             self._miss(link)
@@ -77,7 +77,7 @@ class Drones:
         return gone
 
     def forget_path(self, path: str) -> list[Effect]:
-        """One of several connections to the fog is gone: a drone that was there over no other is not reachable."""
+        """One of several connections to the fog is lost: drones that are present over no other become unreachable."""
         out: list[Effect] = []
         for link in self.links.values():
             link.paths.discard(path)
@@ -118,7 +118,7 @@ class Drones:
             return []
         if presence.session == link.session:
             if link.announced and path not in link.paths:
-                self.appeared.append(link)  # a new connection: what was said over the one before may be lost
+                self.appeared.append(link)  # a new connection: messages over the one before may be lost
             link.up, link.gone_at_ms = True, None
             link.paths.add(path)
             return [self._lease(link, now_ms)]
@@ -127,7 +127,7 @@ class Drones:
         return self._bind(link, presence.session, {path}, now_ms)
 
     def on_beacon(self, number: int, message: BeaconMessage, now_ms: int, path: str = "") -> list[Effect]:
-        """`droneY/clock`: what the bound session's clock reads; the first echo makes the drone reachable."""
+        """`droneY/clock`: a beacon of the bound session; the first echo makes the drone reachable."""
         link = self.links.get(number)
         if link is None or message.session != link.session or link.clock is None:
             return [Log("unknown_session", f"beacon of drone {number} from session {message.session:08x}")]
@@ -154,15 +154,15 @@ class Drones:
         return out
 
     def records(self) -> list[Effect]:
-        """Every drone's record, in this session's words; none before it is the fog's."""
+        """Publish every drone's record; none before this session is the fog's activator."""
         return [self._record(link) for link in self.links.values()] if self.tells else []
 
     def record_of(self, number: int) -> Effect:
-        """The record of a drone, known or not: an unknown one is not reachable."""
+        """Publish the record of a drone; an unknown one is unreachable."""
         return self._record(self.links.get(number) or DroneLink(number))
 
     def controlled_anew(self, numbers: set[int], now_ms: int) -> list[Effect]:
-        """Who controls some drones has changed: tell stations and drones."""
+        """The holders of these drones have changed: publish records and leases."""
         out: list[Effect] = []
         for link in (self.links[number] for number in sorted(numbers) if number in self.links):
             out += self._told(link)
@@ -171,18 +171,18 @@ class Drones:
         return out
 
     def ask_all(self, now_ms: int) -> list[Effect]:
-        """Every drone that is there is asked for a beacon."""
+        """Ask every present drone for a beacon, by a lease."""
         return [self._lease(link, now_ms) for link in self.links.values() if link.up and link.session is not None]
 
     def show_certificate(self, now_ms: int) -> list[Effect]:
-        """The activator's certificate is another: each drone is shown it until it has echoed such a lease."""
+        """The activator has a new certificate: leases carry it to each drone until the drone has echoed one."""
         for link in self.links.values():
             link.knows_certificate = False
             link.nonces.clear()
         return self.ask_all(now_ms)
 
     def restore(self, number: int, record: DroneRecord, by_name: bool, now_ms: int) -> None:
-        """What an earlier session of this activator retained of a drone; `by_name`: no wildcard has shown it."""
+        """Take over a record that an earlier activator session retained; `by_name`: not shown by wildcard."""
         self.were_shown = self.were_shown or not by_name
         key: Key | None = None
         if record.holder is not None and record.holder_session is not None:
@@ -191,15 +191,15 @@ class Drones:
         self._leases.restore(number, key, record.epoch or 0, now_ms)
 
     def on_record(self, number: int, record: DroneRecord | None, now_ms: int) -> None:
-        """What the broker shows of a drone, None where that is no record of this fog's.
+        """The record that the broker shows of a drone, None if it is invalid.
 
-        Anything but this session's newest word is put right, whatever the broker shows next (R9.1).
+        Any but this session's newest record is corrected later, whatever the broker shows meanwhile (R9.1).
         """
         if record != self._word_of(self.links.get(number) or DroneLink(number)):
             self._shown_wrong.setdefault(number, Rebirth()).arm(now_ms)
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """Leases that are due, contests that ran out, beacons that stayed away."""
+        """Correct records, send due leases, end contests, and announce drones without beacons as unreachable."""
         due = [number for number, rebirth in self._shown_wrong.items() if rebirth.is_due(now_ms)]
         for number in due:
             del self._shown_wrong[number]

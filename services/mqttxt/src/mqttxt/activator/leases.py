@@ -1,7 +1,7 @@
-"""Who is registered at a fog, and which station controls which drone (docs/protocol.md, section 6).
+"""The stations registered at a fog, and which of them controls which drone (docs/protocol.md, section 6).
 
-A drone that nobody controls goes to the first registered station that wants it. Another one gets it only by
-an explicit takeover, which raises the fog's epoch: what was sent under a lower one is refused.
+A free drone is given to the first registered station that wants it. Another station gets it only by an explicit
+takeover, which raises the fog's epoch: commands sent under a lower epoch are refused.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..protocol.words import NOT_IN_CONTROL
 RESTORED_MS = 10_000
 """How long a new activator session keeps a drone for the station that controlled it before."""
 MAX_EPOCH = 2**32 - 1
-"""The last one that a payload carries: whoever has control then keeps it."""
+"""The highest epoch that a payload can carry; at this one no takeover is possible any more."""
 
 Key = tuple[str, int]
 """A station's name and session."""
@@ -23,7 +23,7 @@ Key = tuple[str, int]
 
 @dataclass
 class Lease:
-    """A station's registration. `sent_ms` bounds from below when its newest renewal was sent, in our clock."""
+    """A station's registration. `sent_ms` is the earliest time, in our clock, at which its newest renewal was sent."""
 
     key: Key
     until_ms: int
@@ -38,14 +38,14 @@ class Lease:
 
 @dataclass(frozen=True)
 class Restored:
-    """Who controlled a drone in the words of an earlier activator session."""
+    """The station that controlled a drone according to an earlier activator session."""
 
     key: Key
     until_ms: int
 
 
 class Leases:
-    """The leases of one activator session, in the order of registration. Methods return the drones that changed."""
+    """The leases of one activator session, in the order of registration. Changes return the drones they affect."""
 
     def __init__(self, drones: Iterable[int] = ()) -> None:
         self._leases: dict[Key, Lease] = {}
@@ -55,7 +55,7 @@ class Leases:
         self._restored: dict[int, Restored] = {}
         self._epoch = 0
         self.want_topics = self.want_bundles = False
-        """In which form stations want states."""
+        """Whether any station wants states by topic, and whether any wants bundles."""
 
     def __bool__(self) -> bool:
         """Whether the gate is open: any station is registered."""
@@ -88,20 +88,20 @@ class Leases:
         return frozenset(drone for drone, holder in self._holders.items() if holder == key)
 
     def names(self, gs_session: int) -> bool:
-        """Whether a session is registered, or an earlier one of this activator had it in control of a drone."""
+        """Whether a session is registered, or controlled a drone according to an earlier activator session."""
         restored = (each.key for each in self._restored.values())
         return any(session == gs_session for keys in (self._leases, restored) for _, session in keys)
 
     def reads_together(self, gs_session: int) -> bool:
-        """Whether a registered session asked for bundles: what is said to it may come together."""
+        """Whether a registered session asked for bundles, so that words for it may be sent together."""
         return any(key[1] == gs_session and lease.bundles for key, lease in self._leases.items())
 
     def station(self, gs_session: int) -> str | None:
-        """The station that a session is registered for, as certificates name stations."""
+        """The station of a registered session, by its name in certificates."""
         return next((f"gs-{name}" for name, session in self._leases if session == gs_session), None)
 
     def refusal(self, drone: int, gs_session: int, epoch: int) -> str | None:
-        """Why a station's command for a drone is refused; None when the station is in control."""
+        """Why a station's command for a drone is refused (R6.6, R6.8); None if the station is in control."""
         holder = self.holder(drone)
         if holder is None:
             return NOT_IN_CONTROL
@@ -138,7 +138,7 @@ class Leases:
         return changed | self._assign(now_ms)
 
     def end(self, key: Key, now_ms: int) -> set[int]:
-        """A station is gone; what it controlled goes to the next one that wants it."""
+        """End a station's registration; its drones are given to the next station that wants them."""
         if self._leases.pop(key, None) is None:
             return set()
         self._look_at_forms()
@@ -148,7 +148,7 @@ class Leases:
         return freed | self._assign(now_ms)
 
     def tick(self, now_ms: int) -> set[int]:
-        """Leases that lapsed, and drones that nobody came back for."""
+        """End lapsed leases, and free restored drones whose station has not registered again."""
         changed: set[int] = set()
         for key in [key for key, lease in self._leases.items() if now_ms > lease.until_ms]:
             changed |= self.end(key, now_ms)
@@ -158,14 +158,14 @@ class Leases:
         return changed | self._assign(now_ms) if gone else changed
 
     def add(self, drone: int, now_ms: int) -> set[int]:
-        """A drone that was not known before."""
+        """Add a drone; does nothing if it is known."""
         if drone in self._drones:
             return set()
         self._drones.add(drone)
         return self._assign(now_ms)
 
     def restore(self, drone: int, key: Key | None, epoch: int, now_ms: int) -> None:
-        """A drone's record of an earlier session of this activator: its station may come back for it."""
+        """Take over a drone's holder and epoch from an earlier activator session; its station may register again."""
         self._epochs[drone] = max(self.epoch(drone), epoch)
         self._epoch = max(self._epoch, epoch)
         if key is not None and drone not in self._holders:
@@ -180,7 +180,7 @@ class Leases:
         return holder is not None and holder.wants(drone)
 
     def _take(self, key: Key, drones: set[int], epoch: int) -> set[int]:
-        """Only who has seen the newest epoch may take: an old takeover that was stalled takes nothing."""
+        """Give drones to a station that names the newest epoch: an old takeover that was stalled takes nothing."""
         if epoch < self._epoch or self._epoch >= MAX_EPOCH:
             return set()
         taken = {drone for drone in drones if self._holders.get(drone, key) != key}

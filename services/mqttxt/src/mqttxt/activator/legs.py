@@ -1,4 +1,4 @@
-"""What an activator records about a command: the legs to its drones, and each leg's words."""
+"""An activator's record of a command: the legs to its drones, and each leg's words."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ CHOSEN = 0
 
 @dataclass
 class Leg:
-    """A command on its way to one drone, and its words; `signed` has the envelopes of those that the drone signed.
+    """A command for one drone, and its words; `signed` has the envelopes of the words that the drone signed.
 
-    `said` are the newest word and the truth behind it as they were published, for who asks again.
+    `truth` is the `settled` word after an `unconfirmed`. `said` has the newest word, and the truth if there is one, as
+    published, to answer repetitions.
     """
 
     drone: int
@@ -27,7 +28,7 @@ class Leg:
     words: list[ResultMessage] = field(default_factory=list)
     retry: Retry | None = None
     second_ms: int | None = None
-    """When it goes over every connection where none has brought a word."""
+    """When to send it over every connection, unless a word has arrived (R19.5)."""
     truth: ResultMessage | None = None
     said: list[Publish] = field(default_factory=list)
     signed: dict[ResultMessage, Envelope] = field(default_factory=dict)
@@ -39,11 +40,11 @@ class Leg:
 
 @dataclass
 class Job:
-    """What the activator records about a command: where it was sent, its deadline, and how it was answered.
+    """The activator's record of a command: where it was sent, its deadline, and its answers.
 
-    `target` is a drone's number, None for a broadcast, `CHOSEN` where PSMI chooses; while it is `choosing`, another
-    leg may follow. `signed` is what its station signed for each drone, None where messages are not signed. `answer` is
-    what was published of it as a whole.
+    `target` is a drone's number, None for a broadcast, `CHOSEN` if PSMI chooses; while it is `choosing`, another leg
+    may follow. `signed` has the envelopes that its station signed for each drone, None if messages are not signed.
+    `answer` is the message published about the command as a whole: roster or denial.
     """
 
     target: int | None
@@ -58,7 +59,7 @@ class Job:
 
     @property
     def is_answered(self) -> bool:
-        """Whether anything was said of it."""
+        """Whether anything was published about it."""
         return self.answer is not None or any(leg.said for leg in self.legs.values())
 
     @property

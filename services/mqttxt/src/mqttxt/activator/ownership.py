@@ -1,4 +1,4 @@
-"""Which session is the activator of a fog: its birth, the challenge to one before it, and what its brokers retain."""
+"""Which session is a fog's activator: its birth, its challenge to another one, and its retained messages (R9.6)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .drones import CLOUD, Drones
 CHALLENGE_MS = 3000
 """How long another live activator of this fog has to answer before this one takes its place.
 
-As long after its first birth this one still asks another, of which the broker had shown nothing.
+For as long after its first birth this one also challenges a session that the broker had not shown before.
 """
 
 
 class Ownership:
-    """One activator session's claim to its fog. `born`: it is the fog's activator, and its presence says so."""
+    """One activator session's claim to its fog. `born`: it is the fog's activator, and has published its birth."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class Ownership:
         self._first_born_ms: int | None = None
         self._by_name: tuple[str, ...] = ()
         self._closes_ms: int | None = None
-        """Since when an own beacon closes what the broker shows, None while more is subscribed."""
+        """An own beacon made since then ends, on its return, the retained messages; None while a SUBACK is awaited."""
         self._next_beacon_ms = 0
         self._rival: int | None = None
         self._challenge_until_ms: int | None = None
@@ -58,7 +58,7 @@ class Ownership:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the fog may be another activator's: what is asked of the fog is left to that one."""
+        """Whether the fog may be another activator's; commands and registrations are then left to that one."""
         return not self.born and (self._rival is not None or self._first_born_ms is None)
 
     def will(self) -> Will:
@@ -71,7 +71,7 @@ class Ownership:
         self._rival = self._challenge_until_ms = self._closes_ms = None
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """The end of a challenge; presence and beacons that are due."""
+        """End a challenge that nobody answered; publish presence and beacons that are due."""
         out: list[Effect] = []
         if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
             self._rival = self._challenge_until_ms = None
@@ -86,7 +86,7 @@ class Ownership:
         return out
 
     def goodbye(self) -> list[Effect]:
-        """A clean stop says that neither the fog nor its drones are reachable."""
+        """At a clean stop, publish that neither the fog nor its drones are reachable."""
         if not self.born:
             return []
         self.born = False
@@ -94,7 +94,7 @@ class Ownership:
         return [*(self._drones.record_of(number) for number in gone), self._publish_presence(up=False)]
 
     def on_presence(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """`fogX/reachable`: put right where it is not this session's birth; before birth it says who else is there."""
+        """`fogX/reachable`: corrected if it is not this session's birth; before the birth it shows a rival session."""
         try:
             presence = decode(FogPresence, self._channel.opened(message, self._name))
         except PayloadError:
@@ -116,7 +116,7 @@ class Ownership:
         return []
 
     def on_clock(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """`fogX/clock` before birth: the own beacon closes what the broker retains, a rival's proves it alive."""
+        """`fogX/clock`: a rival's beacon proves it alive; before the birth the own one ends the retained messages."""
         beacon = decode(BeaconMessage, self._channel.opened(message, self._name))
         is_answer = self._channel.seal is None or beacon.nonce == self._challenge_nonce
         is_younger = not self.born or beacon.now_ms >= now_ms
@@ -129,18 +129,18 @@ class Ownership:
         return self._go_on(now_ms) if self._rival is None else [self._ask(now_ms)]
 
     def on_subscribed(self, now_ms: int) -> list[Effect]:
-        """The broker has granted what was subscribed last: an own beacon closes what it shows, or a rival is asked."""
+        """The last subscriptions are granted: send the beacon that ends the retained messages, or challenge a rival."""
         self._closes_ms = now_ms
         return [self._ask(now_ms) if self.born else self._closing_beacon(now_ms)]
 
     def _closing_beacon(self, now_ms: int) -> Publish:
-        """The own beacon that closes what the broker shows; sent again where it is lost."""
+        """The own beacon that ends the retained messages; sent again until it returns."""
         beacon = self.beacon(now_ms)
         self._next_beacon_ms = now_ms + RESEND_FIRST_MS
         return beacon
 
     def on_record(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """Anything but this session's newest word about a drone is put right; before birth it says who had control."""
+        """A drone's record: corrected if it is not this session's newest; before the birth it shows who had control."""
         try:
             record = decode(DroneRecord, self._channel.opened(message, self._name))
         except PayloadError:
@@ -156,18 +156,18 @@ class Ownership:
         return []
 
     def introduction(self) -> list[Effect]:
-        """The birth again, for a station to which the broker has not shown it."""
+        """Publish the birth again, for a station to which the broker has not shown it."""
         return [self._publish_presence(up=True)] if self.born else []
 
     def on_identity(self, is_renewed: bool, now_ms: int) -> list[Effect]:
-        """Birth and beacon name the newest revocation list; what stays at the broker is signed by the newest key."""
+        """Publish birth and beacon with the newest revocation list's number; after a renewal also the records."""
         if not self.born:
             return []
         records = self._drones.records() if is_renewed else []
         return [self._publish_presence(up=True), *records, self.beacon(now_ms)]
 
     def beacon(self, now_ms: int, nonce: int | None = None) -> Publish:
-        """What this session's clock reads, in answer to `nonce` where there is one."""
+        """Publish a beacon, in answer to `nonce` if there is one."""
         self._next_beacon_ms = now_ms + self._channel.settings.beacon_interval_ms
         held_ms = 0 if nonce is not None else None
         message = BeaconMessage(
@@ -176,7 +176,7 @@ class Ownership:
         return self._channel.publish(self._cloud.clock, message, qos=0)
 
     def _go_on(self, now_ms: int) -> list[Effect]:
-        """Nobody else is the fog's: be born, once it is known who had control, as far as the broker shows it at all."""
+        """No other activator has the fog: publish the birth, or first subscribe to missing records by name (R6.9)."""
         if self._first_born_ms is not None or self._drones.were_shown or self._by_name or not self._drones.links:
             return self._be_born(now_ms)
         self._by_name = tuple(self._cloud.drone_reachable(number) for number in self._drones.links)
@@ -184,7 +184,7 @@ class Ownership:
         return [Subscribe(CLOUD, self._by_name)]
 
     def _doubt(self, rival: int, now_ms: int) -> list[Effect]:
-        """Another activator says that the fog is its; where this one was just born, it may have been there before."""
+        """Challenge another activator that claims the fog, if this one was just born: the other may be older."""
         is_new = self._first_born_ms is not None and now_ms < self._first_born_ms + CHALLENGE_MS
         if not is_new or self._rival is not None:
             return []

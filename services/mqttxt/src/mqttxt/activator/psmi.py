@@ -12,9 +12,9 @@ from .drone_link import DroneLink
 from .leases import Leases
 
 RESERVE_PCT = 20
-"""What must be left in the battery on arrival."""
+"""Charge that must be left in the battery on arrival, %."""
 USED = (Location, Battery, MaxGroundspeed, Endurance, Armed, LandedState)
-"""The states that are used."""
+"""The states by which drones are chosen."""
 
 Value = TypeVar("Value", bound=VitalState)
 
@@ -31,11 +31,11 @@ def rank(
     stale_ms: int,
     now_ms: int,
 ) -> tuple[tuple[Candidate, ...], tuple[Candidate, ...]]:
-    """The drones that can take a goto, soonest arrival first, and those that are left out, each with its reason.
+    """The drones that can execute a goto, soonest arrival first, and those left out, each with its reason (R7.3).
 
     Time to arrive is the great-circle distance over the largest groundspeed; ties go by number. Range is
-    (remaining - 20 %) x endurance x cruise speed. A state older than `stale_ms` leaves its drone out, and so does being
-    disarmed or on the ground: a goto takes nobody off. `tried` are those that an earlier offer was for.
+    (remaining - 20 %) x endurance x cruise speed. A drone with a state older than `stale_ms` is left out, and so is one
+    that is disarmed or on the ground: a goto makes no drone take off. `tried` has the drones of earlier offers.
     """
     found = [_candidate(command, link, now_ms) for link in links]
     known = {link.number: link for link in links}
@@ -62,7 +62,7 @@ def rank(
 
 
 def _candidate(command: Goto, link: DroneLink, now_ms: int) -> Candidate:
-    """Every figure that is known of a drone."""
+    """A drone with every known figure."""
     place, battery = _value(link, Location), _value(link, Battery)
     fastest, endurance = _value(link, MaxGroundspeed), _value(link, Endurance)
     ages = [age for age in (link.age_ms(state.name, now_ms) for state in USED) if age is not None]
@@ -86,7 +86,7 @@ def _candidate(command: Goto, link: DroneLink, now_ms: int) -> Candidate:
 
 
 def _unfit(candidate: Candidate, link: DroneLink, stale_ms: int, now_ms: int) -> str | None:
-    """Why a drone that could take the command does not fit it."""
+    """Why a drone that is free for the command cannot execute it; None if it can."""
     for state in USED:
         age_ms = link.age_ms(state.name, now_ms)
         if age_ms is None:

@@ -11,7 +11,7 @@ from .drone_link import DroneLink
 DECILES = 10
 HEARTBEAT_MS = 30_000
 LOOK_MS = 500
-"""Between two computations: with hundreds of drones something is touched all the time."""
+"""Shortest time between two computations: with hundreds of drones some figure changes all the time."""
 USED = frozenset({Battery.name, MaxGroundspeed.name})
 """The states by which drones are ranked."""
 
@@ -27,9 +27,9 @@ def decile(remaining_pct: int) -> int:
 
 
 def _places(links: Iterable[DroneLink], stale_ms: int, now_ms: int) -> list[tuple[int, int, int, DroneLink]]:
-    """Each reachable drone whose figures are known and not old, best first, behind what it is ranked by.
+    """Each reachable drone whose figures are known and fresh, best first, after its sort keys.
 
-    By the figures as CBOR has them: twice per second all are looked at, and hardly ever told.
+    It sorts by CBOR's integers, without decoding the states: it runs twice per second, for a result rarely published.
     """
     found = []
     for link in links:
@@ -42,7 +42,7 @@ def _places(links: Iterable[DroneLink], stale_ms: int, now_ms: int) -> list[tupl
 
 
 def _ranked(link: DroneLink, now_ms: int) -> Ranked:
-    """A drone's entry, whose figures are known."""
+    """The entry of a drone whose figures are known."""
     remaining, speed = link.states[Battery.name].state.state, link.states[MaxGroundspeed.name].state.state
     assert isinstance(remaining, Battery)
     assert isinstance(speed, MaxGroundspeed)
@@ -55,7 +55,7 @@ def _ranked(link: DroneLink, now_ms: int) -> Ranked:
 
 
 class QodsTurns:
-    """When the ranking is published: when order or a decile has changed, and every 30 s."""
+    """Decides when to publish the ranking: when the order or a decile has changed, and every 30 s (R8.2)."""
 
     def __init__(self) -> None:
         self.touched = True
@@ -64,13 +64,13 @@ class QodsTurns:
         self._look_after_ms = 0
 
     def forget(self) -> None:
-        """Somebody new listens."""
+        """Publish the ranking again, for a station that has registered."""
         self._published = None
         self._look_after_ms = 0
         self.touched = True
 
     def due(self, links: Iterable[DroneLink], stale_ms: int, now_ms: int) -> tuple[Ranked, ...] | None:
-        """The ranking, if it is to be published now. Nothing is computed while nothing was touched."""
+        """The ranking if it is to be published now, else None; not computed while `touched` is false."""
         beats = now_ms - self._at_ms >= HEARTBEAT_MS
         if not beats and (not self.touched or now_ms < self._look_after_ms):
             return None

@@ -1,4 +1,4 @@
-"""What a signed registration has to be: for this session, newer than the one before, within its station's rights."""
+"""Checks signed registrations: for this session, newer than the one before, within the station's rights (R12.13)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from .leases import Key, Leases
 
 
 def is_question(message: Registration) -> bool:
-    """Whether a registration only asks for a beacon: who has none cannot say when a lease ends, and ends none."""
+    """Whether a registration only asks for a beacon, without which a station cannot name the end of a lease.
+
+    It ends no lease.
+    """
     return message.lease_s == 0 and message.until_ms is None
 
 
@@ -26,7 +29,7 @@ class _Newest:
 
 
 class SignedRegistrations:
-    """Reads `fogX/init_connect` for one activator session (R12.12)."""
+    """Reads `fogX/init_connect` for one activator session (R12.13)."""
 
     def __init__(self, session: int, seal: Seal, owners: SessionOwners) -> None:
         self._session = session
@@ -35,9 +38,9 @@ class SignedRegistrations:
         self._newest: dict[Key, _Newest] = {}
 
     def read(self, topic: str, payload: bytes, leases: Leases, now_ms: int) -> Registration:
-        """A registration, with what its station may want of it; raises PayloadError for one that is not to be heard.
+        """Read a registration, reduced to its station's rights; raises PayloadError if it must be dropped.
 
-        One with `anew` that is for another session is returned as it is: it only asks for this session's birth.
+        One with `anew` for another session is returned unchanged: it only asks for this session's birth.
         """
         own = self._seal.name
         signed = self._seal.verified(Envelope.parse(payload), lambda _: topic, lambda c: is_station(c) or c.name == own)
@@ -78,20 +81,20 @@ class SignedRegistrations:
 
 
 def _question(message: Registration) -> Registration:
-    """What another session of this activator asks before its birth (R9.6); its key takes no lease."""
+    """The challenge of another session of this activator before its birth (R9.6); it may not take a lease."""
     if message.lease_s != 0:
         raise PayloadError("registration: expected a ground station's", "old_registration")
     return message
 
 
 def _only(message: Registration, held: frozenset[int]) -> Registration:
-    """A registration that wants of what its station controls alone."""
+    """Reduce a registration to drones that its station controls already."""
     wanted = held.intersection(message.drones) if message.drones else held
     return replace(message, control=message.control if wanted else Control.NONE, drones=tuple(sorted(wanted)) or None)
 
 
 def _within_rights(message: Registration, rights: Rights) -> Registration:
-    """Without a right a station takes nothing from others, and wants only drones that it may command."""
+    """Reduce a registration to its station's rights: takeover only with that right, and drones that it may command."""
     control, drones = message.control, message.drones
     if control is Control.TAKE and not rights.take_over:
         control = Control.WANT

@@ -29,13 +29,13 @@ from .state_relay import StateRelay
 from .stations import Stations
 
 DRONE_PER_S, DRONE_AT_ONCE = 2000, 4000
-"""States, readings and words that one drone may have: some forty states at the highest rate that `stream` allows."""
+"""Limits for states, readings and words of one drone: about forty states at the highest rate that `stream` allows."""
 PRESENCE_PER_S, PRESENCE_AT_ONCE = 50, 200
-"""Births and beacons of one drone, each of which makes the activator speak."""
+"""Limits for births and beacons of one drone, each of which makes the activator publish."""
 _ASKING = frozenset({"commands", "select", "init_connect"})
-"""What is left to the activator that may own the fog already."""
+"""Kinds of topics that are left to another activator while that may own the fog."""
 _ONCE_BORN = frozenset({"bulk_answer", "sensor"})
-"""What nobody takes from drones before this session is the fog's activator."""
+"""Kinds of the drones' topics that are dropped until this session is the fog's activator."""
 
 Handler = Callable[[Any, Inbound, int], list[Effect]]
 
@@ -104,7 +104,7 @@ class Activator:
         return self.ownership.will()
 
     def is_ready(self, now_ms: int) -> bool:
-        """Whether the activator is live on both brokers."""
+        """Whether the activator is born at the cloud broker and subscribed at the fog broker."""
         return self.born and self.connected[FOG] and self._subacks[FOG] == 0
 
     def on_connected(self, link: str, now_ms: int) -> list[Effect]:
@@ -132,12 +132,12 @@ class Activator:
         return [self.drones.record_of(number) for number in gone] if self.born else []
 
     def on_path(self, lost: str | None, now_ms: int) -> list[Effect]:
-        """One of several connections to the fog has come, was lost, is stuck, or is not the best any more."""
+        """One of several connections to the fog is up, lost (`lost`), stuck, or no longer the best (R19.2, R19.5)."""
         gone = self._watched(self.drones.forget_path(lost), now_ms) if lost is not None else []
         return gone + self.relay.on_path(now_ms) + self.drones.ask_all(now_ms)
 
     def path_of(self, topic: str) -> str | None:
-        """The better connection for what is on a topic of the fog's side."""
+        """The better connection to the drone of a topic of the fog's side."""
         return self.drones.path_of(self.fog_side.parse(topic).drone)
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
@@ -149,11 +149,11 @@ class Activator:
             self.relay.fog_connected = True
             return []
         self._hearing.granted(now_ms)
-        # The broker sends what it retains before this beacon comes back: then it is known who else is there.
+        # The broker sends its retained messages before this beacon returns: then any other activator is known.
         return self.ownership.on_subscribed(now_ms)
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
-        """A message from one of the two brokers; what does not follow the specification is counted."""
+        """A message from one of the two brokers; one that breaks the specification is counted and dropped."""
         if link == CLOUD:
             self._hearing.heard(now_ms)
         try:
@@ -176,7 +176,7 @@ class Activator:
         return self.relay.on_published(ref, code, now_ms) if link == FOG else []
 
     def on_identity(self, now_ms: int) -> list[Effect]:
-        """The identity has another key, whose certificate is shown, or its fleet a newer revocation list."""
+        """The identity has a new key, whose certificate is then shown, or its fleet a newer revocation list."""
         if self._seal is None:
             return []
         is_renewed = self._seal.on_identity()
@@ -184,7 +184,7 @@ class Activator:
         return out + (self.drones.show_certificate(now_ms) if is_renewed else [])
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """Everything that is due by time; to be called at least ten times a second."""
+        """Do everything that is due; to be called at least ten times per second."""
         out = [*self.say_together(now_ms), *self.drones.controlled_anew(self.leases.tick(now_ms), now_ms)]
         out += self._watched(self.drones.tick(now_ms), now_ms) + self.relay.tick(now_ms)
         out += self.selector.tick(now_ms)
@@ -193,21 +193,21 @@ class Activator:
 
     @property
     def together_due_ms(self) -> int | None:
-        """When words that wait for others have to leave; None where none wait."""
+        """When words that wait for others must be sent; None if none wait."""
         return self.relay.words.together.due_ms
 
     def say_together(self, now_ms: int) -> list[Effect]:
-        """The words that have waited for others long enough; to be called at `together_due_ms` too."""
+        """Publish the words that have waited for others long enough; to be called at `together_due_ms` too."""
         return self._with_bundle([*self.relay.words.together.tick(now_ms)], now_ms)
 
     def goodbye(self, now_ms: int) -> list[Effect]:
-        """A clean stop says that neither the fog nor its drones are reachable; what waits leaves first."""
+        """Publish waiting words, then that neither the fog nor its drones are reachable."""
         self._hearing.end()
         self.relay.words.together.is_ended = True
         return [*self.relay.words.together.flush(now_ms), *self.ownership.goodbye()]
 
     def _made_handlers(self, seal: Seal | None) -> dict[tuple[str, type[Topic], str], Handler]:
-        """Who takes a message, by the broker that it comes from and its topic."""
+        """The handlers of messages, by broker and kind of topic."""
         handlers: dict[tuple[str, type[Topic], str], Handler] = {
             (CLOUD, DroneTopic, "bulk"): self.bulk.on_ask,
             (CLOUD, DroneTopic, "commands"): self.relay.on_command,
@@ -232,7 +232,7 @@ class Activator:
         return handlers
 
     def _refusal(self, link: str, topic: Topic, message: Inbound, now_ms: int) -> Log | None:
-        """Why nobody takes a message, whatever is in it; None where that is not so."""
+        """Why a message is dropped unread; None if it is not."""
         if isinstance(topic, DroneTopic) and link == FOG:
             budget = self._presence_of_drones if topic.kind in ("reachable", "clock") else self._of_drones
             if not budget.takes(topic.drone, now_ms):
@@ -254,19 +254,19 @@ class Activator:
         return self._with_bundle(said, now_ms)
 
     def _with_bundle(self, said: list[Effect], now_ms: int) -> list[Effect]:
-        """What is said of commands, and beside it the states that wait: one segment to the cloud's broker."""
+        """Add waiting states to messages about commands: both leave in one TCP segment to the cloud broker (R10.7)."""
         is_said = any(isinstance(effect, Publish) and effect.link == CLOUD for effect in said)
         return [*said, *self.states.beside_words(now_ms)] if is_said else said
 
     def _on_drone_presence(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A drone's birth or will; a signed birth is passed on to who is to verify what the drone says."""
+        """A drone's birth or will; a signed birth is passed on to stations, which verify the drone's messages by it."""
         drone = topic.drone
         presence = decode(Presence, self._to_fog.opened(message, f"drone{drone}"))
         passed_on = self._births.on_drone(drone, message.payload) if self._seal is not None and presence.up else []
         return passed_on + self._watched(self.drones.on_presence(drone, presence, now_ms, message.path), now_ms)
 
     def _on_drone_beacon(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A drone's beacon; a signed one is passed on: who signs commands makes their deadlines of it."""
+        """A drone's beacon; a signed one is passed on to stations, which compute the deadlines of commands from it."""
         drone = topic.drone
         signed_as = self.cloud.signed_drone_clock(drone)
         beacon = decode(BeaconMessage, self._to_fog.opened(message, f"drone{drone}", signed_as))
@@ -277,7 +277,10 @@ class Activator:
         return out
 
     def _watched(self, out: list[Effect], now_ms: int) -> list[Effect]:
-        """What follows from drones having become reachable, or not, behind what their part did by itself."""
+        """Add the effects of drones that became reachable: open commands are sent again, known states relayed.
+
+        A changed roster touches the ranking.
+        """
         appeared, self.drones.appeared = self.drones.appeared, []
         for link in appeared:
             out = out + self.relay.on_drone_reachable(link, now_ms) + self.states.relay_all([link], now_ms)

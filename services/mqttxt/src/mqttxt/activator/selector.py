@@ -31,9 +31,10 @@ MOST_RESERVATIONS = 256
 
 @dataclass
 class Choice:
-    """A command for which a drone is being chosen: who comes next, and the list as it was published.
+    """A command for which a drone is being chosen: the list, and the index of the next drone.
 
-    `tried` are the drones of the offers before it that it goes on from, `chosen` is who the list that was `said` names.
+    `said` is the list as it was published, and `chosen` the drone that it names. `tried` are the drones of the earlier
+    offers from which this one goes on (R7.7).
     """
 
     listed: tuple[Candidate, ...]
@@ -47,7 +48,7 @@ class Choice:
 
 @dataclass
 class Reservation:
-    """A drone that is kept for the station whose offer it answered."""
+    """A drone that is reserved by an offer, for its station's commit."""
 
     drone: int
     command: Goto
@@ -105,7 +106,7 @@ class Selector:
         return self._choose(entry, wanted, command, now_ms)
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """Reservations lapse by themselves; lists are forgotten with their commands, and said again to who asks."""
+        """End lapsed reservations, forget the lists of forgotten commands, and publish lists again that are due."""
         for key in [key for key, held in self._reservations.items() if now_ms > held.until_ms]:
             del self._reservations[key]
         for key in [key for key in self._choices if self._relay.ledger.get(key) is None]:
@@ -179,7 +180,7 @@ class Selector:
         return out + self._relay.forward(entry, drone, now_ms)
 
     def _on_last_word(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
-        """A chosen drone has sent its last word: go on after a definite no, and only then."""
+        """A chosen drone has sent its last word: after a definite no, and only then, try the next."""
         choice = self._choices.get(entry.id)
         if choice is None:
             return self._on_answer(entry, now_ms)
@@ -196,7 +197,7 @@ class Selector:
         return self._try_next(entry, choice, now_ms)
 
     def _ask_everyone(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """An earlier session of this activator may have sent it to any of the drones: only they can tell."""
+        """Send a query to every drone: an earlier session of this activator may have sent the command to any (R7.8)."""
         drones = [listed.drone for listed in self._drones.asked()]
         if not drones:
             return self._nobody_has_it(entry, now_ms)
@@ -204,7 +205,7 @@ class Selector:
         return [effect for drone in drones for effect in self._relay.forward(entry, drone, now_ms)]
 
     def _on_answer(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """What the drones say of a command of an earlier session: whoever has it, has the word."""
+        """A drone's last word on a query: once all have answered, close the command, or deny it if no drone has it."""
         legs = entry.record.legs.values()
         if not all(leg.is_closed for leg in legs):
             return []
@@ -215,7 +216,7 @@ class Selector:
         return []
 
     def _nobody_has_it(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """No drone that is known here has the command: said only where the broker has shown who else there was."""
+        """No known drone has the command: denied only if the broker has shown the records of all drones (R7.8)."""
         if self._drones.were_shown:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         entry.record.choosing = False
@@ -223,7 +224,7 @@ class Selector:
         return []
 
     def _on_overriding(self, gs_session: int, now_ms: int) -> list[Effect]:
-        """A later hold, land or return of the same station: nobody else is sent in place of whom it stops."""
+        """A later hold, land or return of the same station: no other drone is sent in place of the stopped one."""
         for command_id, choice in self._choices.items():
             choice.cancelled = choice.cancelled or command_id.gs_session == gs_session
         return []

@@ -1,4 +1,4 @@
-"""Readings through the activator: to the cloud outside of the gate, and back to the drone that they are safe."""
+"""Relays readings to the cloud, outside the gate, and their acknowledgements to the drone."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from .drones import CLOUD, FOG
 from .leases import Leases
 
 MOST_WAITING = 100
-"""Readings of a drone, the newest: more than it has under way."""
+"""How many of a drone's newest readings are remembered; more than it has in flight."""
 
 
 @dataclass(frozen=True)
 class Carried:
-    """A reading on its way to the cloud broker."""
+    """A reading that the cloud broker has not acknowledged yet."""
 
     drone: int
     key: ReadingKey
 
 
 class SensorRelay:
-    """Keeps nothing: what the cloud broker has not taken, for a station that is registered, stays on the drone.
+    """Relays readings and keeps none: until it is acknowledged, a reading stays on the drone (R9.14, R12.19).
 
-    A broker may leave out that nobody subscribes (MQTT 5.0, 3.4.2.1), so its PUBACK alone does not say that somebody
-    is there. Who registers has subscribed before. Where messages are signed no broker is believed: a station's own
-    acknowledgement is passed on, where it names a reading that waits for one.
+    A reading is acknowledged when the cloud broker has, while a station is registered. The PUBACK alone is not enough:
+    a broker may omit that no client subscribes (MQTT 5.0, 3.4.2.1), but a registered station has subscribed. Where
+    messages are signed, no broker is trusted: a station's own acknowledgement is passed on, if it names a waiting
+    reading.
     """
 
     def __init__(self, to_fog: Channel, cloud: CloudSide, fog_side: FogSide, leases: Leases) -> None:
@@ -39,7 +40,7 @@ class SensorRelay:
         self._fog = fog_side
         self._leases = leases
         self._on_the_way: dict[Carried, bool] = {}
-        """Whether a station was registered when it left."""
+        """Whether a station was registered when the reading was sent."""
         self._safe: dict[int, list[ReadingKey]] = {}
         self._waiting: dict[int, dict[ReadingKey, None]] = {}
 
@@ -58,14 +59,14 @@ class SensorRelay:
         return [Publish(CLOUD, to, said, qos=1, ref=carried)]
 
     def on_published(self, carried: Carried, code: int, now_ms: int) -> list[Effect]:
-        """The cloud broker's PUBACK; where nobody was there to get it the drone keeps the reading."""
+        """The cloud broker's PUBACK; without a registered station the drone keeps the reading."""
         had_station = self._on_the_way.pop(carried, False)
         if code == 0 and had_station and self._leases and self._to_fog.seal is None:
             self._safe.setdefault(carried.drone, []).append(carried.key)
         return []
 
     def on_heard(self, drone: int, ack: ReadingAck, envelope: Envelope) -> list[Effect]:
-        """`fogX/droneY/sensor_ack`: a station has heard readings, in an envelope that is the drone's to open."""
+        """`fogX/droneY/sensor_ack`: a station's acknowledgement of readings, in the envelope for the drone."""
         waiting = self._waiting.get(drone, {})
         named = [key for key in ack.readings if key in waiting]
         for key in named:
@@ -79,11 +80,11 @@ class SensorRelay:
             del waiting[next(iter(waiting))]
 
     def on_cloud_down(self) -> None:
-        """What was on its way may not have arrived; the drone sends it again."""
+        """Forget readings in flight: they may not have arrived, and the drone sends them again."""
         self._on_the_way.clear()
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """The acknowledgements of one tick in as few messages as they fit in."""
+        """Send the acknowledgements of one tick in as few messages as possible."""
         if not self._safe:
             return []
         safe, self._safe = self._safe, {}

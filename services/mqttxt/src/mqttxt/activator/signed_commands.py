@@ -1,4 +1,4 @@
-"""Commands as a ground station has signed them: for each drone its own, in the drone's clock (protocol, section 12)."""
+"""Commands signed by ground stations: one envelope per drone, due in the drone's clock (protocol, section 12)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..security.seal import Seal, Signed
 
 @dataclass(frozen=True)
 class SignedCommand:
-    """What a station has signed: an envelope for each drone, and each one's deadline in that drone's clock."""
+    """A command that a station has signed: an envelope for each drone, and its deadline in that drone's clock, ms."""
 
     signer: Certificate
     is_expired: bool
@@ -30,7 +30,7 @@ class SignedCommand:
     deadlines_ms: dict[int, int]
 
     def signed_again(self, again: SignedCommand | None) -> SignedCommand:
-        """The same, in envelopes of a newer key where those say the same: the older may be revoked by now."""
+        """Replace envelopes by those of a repetition with the same payload: the older key may be revoked by now."""
         newer = again.envelopes.items() if again is not None else ()
         return replace(
             self,
@@ -43,7 +43,7 @@ class SignedCommand:
         )
 
     def refusal(self, command: Command, drone: int) -> str | None:
-        """Why a drone is not sent it: its station did not sign it for the drone, or may not; None where nothing is."""
+        """Why a drone is not sent the command: not signed for it, not allowed, or certificate ended; None if it is."""
         missing = self.signer.rights.missing(command, drone)
         if missing is not None:
             return f"{NOT_ALLOWED}, {missing}"
@@ -52,27 +52,27 @@ class SignedCommand:
         return None if drone in self.envelopes else NOT_SIGNED
 
     def for_drone(self, drone: int, deadline_ms: int) -> bytes:
-        """The drone's own, with a deadline beside it where that is earlier than the signed one."""
+        """The drone's envelope; `deadline_ms` is its route if it is earlier than the signed deadline (R12.8)."""
         is_earlier = deadline_ms < self.deadlines_ms[drone]
         return self.envelopes[drone].routed(deadline_ms if is_earlier else None).encode()
 
 
 @dataclass(frozen=True)
 class Verified:
-    """A command whose signatures are those of one station, for the drones that it has signed for; at least one."""
+    """A command with valid signatures of one station, for at least one drone."""
 
     addressed: Addressed
     entries: dict[int, Signed]
 
     @property
     def payload(self) -> bytes:
-        """The first of them, as it was signed."""
+        """The signed payload of the first drone."""
         return next(iter(self.entries.values())).payload
 
     def read(self) -> tuple[CommandMessage, SignedCommand]:
-        """The command as due at the activator, and what is signed; raises PayloadError.
+        """The command, due at the activator, and its signed forms; raises PayloadError.
 
-        Of a broadcast an entry that says something else than the first is left out, as one that is not signed.
+        An entry of a broadcast that differs from the first is left out, as if it were not signed.
         """
         commands = {drone: decode(CommandMessage, signed.payload) for drone, signed in self.entries.items()}
         first = _without_address(next(iter(commands.values())))
@@ -88,9 +88,9 @@ class Verified:
 
 @dataclass(frozen=True)
 class SelectContents:
-    """A message on `fogX/commands/C` as its station signed it: with a `commit` a command that is signed for a drone.
+    """A signed message on `fogX/commands/C`; with a `commit` it is a command that is signed for one drone.
 
-    `is_expired`: the station's certificate has ended, of a message without a command.
+    `is_expired`: the station's certificate has ended; false for a commit, whose `SignedCommand` has that.
     """
 
     payload: bytes
@@ -98,7 +98,7 @@ class SelectContents:
     is_expired: bool = False
 
     def read(self) -> tuple[SelectMessage, SignedCommand | None]:
-        """The message, and the command as it is signed for its drone; raises PayloadError."""
+        """The message, and for a commit the command that is signed for its drone; raises PayloadError."""
         if self.commit is None:
             return decode(SelectMessage, self.payload), None
         command, signed = self.commit.read()
@@ -108,7 +108,7 @@ class SelectContents:
 
 
 class SignedCommands:
-    """Verifies what stations say to one activator session."""
+    """Verifies the commands of stations to one activator session."""
 
     def __init__(self, seal: Seal, owners: SessionOwners) -> None:
         self._seal = seal
@@ -116,7 +116,7 @@ class SignedCommands:
         self._topics = FogSide()
 
     def verified(self, drone: int | None, payload: bytes) -> Verified:
-        """A command for one drone, or with None for all; raises PayloadError for what nobody answers (R12.9)."""
+        """Verify a command for one drone, or a broadcast (None); raises PayloadError if it must be dropped (R12.9)."""
         addressed = Addressed.parse(payload)
         if drone is not None and list(addressed.entries) != [drone]:
             raise PayloadError(f"signed for drones {list(addressed.entries)}: expected {drone} alone", "not_signed")
@@ -135,7 +135,7 @@ class SignedCommands:
         return Verified(addressed, entries)
 
     def select(self, topic: str, payload: bytes) -> SelectContents:
-        """An offer or a release, or a commit; raises PayloadError for what nobody answers."""
+        """Verify an offer, a release or a commit; raises PayloadError if it must be dropped (R12.9)."""
         try:
             envelope = Envelope.parse(payload)
         except PayloadError:

@@ -1,4 +1,4 @@
-"""The activator's way with states: topics and bundles in, topics and bundles out, and QoDS (protocol, 6, 8, 10)."""
+"""The activator's relay of states: topics and bundles in, topics and bundles out, and QoDS (protocol, 6, 8, 10)."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from .drones import CLOUD, Drones
 from .leases import Leases
 
 PATIENCE = 0.75
-"""Of a bundle's interval: a state that comes no more often than that comes as often as bundles leave."""
+"""Fraction of a bundle's interval: a state whose values are at least this far apart comes about as often as bundles."""
 
 
 @dataclass(slots=True)
 class Waiting:
-    """Values of a state that wait for the next bundle, each with its relay stamp, and when the newest came."""
+    """Values of a state that wait for the next bundle, each with its relay stamp; `came_ms`: arrival of the newest."""
 
     came_ms: int
     states: list[tuple[int, PlainState]]
 
 
 class StateRelay:
-    """Keeps every drone's states and tells them to the registered stations, in the form that each asked for."""
+    """Keeps every drone's states and publishes them for the registered stations, as topics, bundles or both."""
 
     def __init__(
         self, session: int, to_cloud: Channel, to_fog: Channel, cloud: CloudSide, drones: Drones, leases: Leases
@@ -64,14 +64,14 @@ class StateRelay:
         return [effect for name in news for effect in self._relay(link, name, now_ms)] if self._leases else []
 
     def relay_all(self, links: Iterable[DroneLink], now_ms: int) -> list[Effect]:
-        """The last known states of reachable drones, for those who did not hear them."""
+        """Publish the last known states of reachable drones, for stations that did not receive them."""
         if not self._leases:
             return []
         known = [(link, name) for link in links if link.announced for name in link.states]
         return [effect for link, name in known for effect in self._relay(link, name, now_ms)]
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """Bundles and rankings that are due."""
+        """Publish bundles and rankings that are due."""
         if not self._leases:
             self._bundled.clear()
             self._paces.clear()
@@ -90,7 +90,7 @@ class StateRelay:
         return out
 
     def beside_words(self, now_ms: int) -> list[Effect]:
-        """What waits for the next bundle, before its time: beside words it is no segment of its own (R10.7)."""
+        """Publish the next bundle early: together with words it needs no TCP segment of its own (R10.7)."""
         if not self._bundled or not self._leases:
             return []
         self._is_urgent = False
@@ -98,7 +98,7 @@ class StateRelay:
         return self._bundles(now_ms)
 
     def _is_news(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
-        """Keep a state, unless it is older than what is known."""
+        """Keep a state unless it is older than the known one; returns whether it was kept."""
         known = link.states.get(state.name)
         if not link.keep_state(state, now_ms):
             return False
@@ -109,7 +109,7 @@ class StateRelay:
         return True
 
     def _relay(self, link: DroneLink, name: str, now_ms: int) -> list[Effect]:
-        """A state for the stations, with a conservative stamp in front; nothing before an echo."""
+        """Publish a state for the stations, with a conservative relay stamp; nothing before the drone's first echo."""
         said_ms = link.said_ms(name, now_ms)
         if said_ms is None:
             return []
@@ -127,9 +127,10 @@ class StateRelay:
     def _bundle(self, key: tuple[int, str], state: PlainState, relay_stamp: int, now_ms: int) -> list[Effect]:
         """Keep a state for the next bundle.
 
-        One that comes about as often as bundles leave must not be overtaken by its next value because the two clocks
-        drift: then the bundle leaves first, and the next one half a turn later. Where the drone's link brought both
-        together, or the next is a change that is not to be missed, it carries both. Of faster ones the newest counts.
+        A state that arrives about as often as bundles leave must not lose a value to the next one because two clocks
+        drift: then the bundle leaves first, and the next one half a turn later. If the drone's link brought both
+        values together, or the next one is an urgent change, the bundle carries both. Of faster states only the newest
+        value is kept.
         """
         out: list[Effect] = []
         interval_ms = self._settings.bundle_ms
@@ -150,9 +151,9 @@ class StateRelay:
         return out
 
     def _is_slow(self, key: tuple[int, str], origin: int) -> bool:
-        """Whether a drone tells a state about as often as bundles leave, by the stamps of its last three values.
+        """Whether a state comes about as often as bundles leave, by the stamps of its last three values.
 
-        One that is early among them, because it left with something urgent, makes no fast state.
+        One early value among them, sent along with an urgent one, does not make the state fast.
         """
         before, was_slow = self._paces.get(key, (origin, True))
         apart_ms = (origin - before) % STAMP_MODULUS * STAMP_TICK_MS

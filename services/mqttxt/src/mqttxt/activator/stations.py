@@ -1,4 +1,4 @@
-"""The ground stations of a fog: their registrations and births, and what they grant to drones."""
+"""The ground stations of a fog: their registrations and births, their grants, and their words on readings."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .sensor_relay import SensorRelay
 from .state_relay import StateRelay
 
 MOST_STATIONS = 1000
-"""Registrations at a time; who is not answered is not registered."""
+"""How many stations may be registered at a time; a further one is not answered."""
 BIRTH, RECORDS = "birth", "records"
-"""What a registration with `anew` is answered with (R6.13)."""
+"""The two answers to a registration with `anew` (R6.13)."""
 BIRTHS_PER_S, BIRTHS_AT_ONCE = 10, 100
-"""Births and wills of one station, of which 64 sessions may be there."""
+"""Limits for births and wills of one station, which may have 64 sessions."""
 
 
 class Stations:
-    """What one activator session does for the stations that register at it."""
+    """Serves the stations that register at one activator session."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Stations:
         self._signed = SignedRegistrations(session, to_cloud.seal, owners) if to_cloud.seal is not None else None
 
     def on_registration(self, topic: FogTopic, inbound: Inbound, now_ms: int) -> list[Effect]:
-        """`fogX/init_connect`: answered with a beacon; who registers anew hears of the drones."""
+        """`fogX/init_connect`: answered with a beacon, a registration with `anew` also with the drones' records."""
         if self._signed is None:
             message = decode(Registration, inbound.payload)
         else:
@@ -89,12 +89,12 @@ class Stations:
         return out
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """What a station is told that has registered again and again."""
+        """Publish the postponed answers to stations that registered repeatedly."""
         out = [effect for what in self._shown.due(now_ms) for effect in self._retained(what)]
         return out + [effect for name in self._welcomes.due(now_ms) for effect in self._welcome(name, now_ms)]
 
     def _show(self, what: str, now_ms: int) -> list[Effect]:
-        """What the broker may not show of what it retains; said to all stations, so once a second serves them all."""
+        """Publish retained messages again that the broker may not show; once per second serves all stations."""
         return self._retained(what) if self._shown.may_answer(what, now_ms) else []
 
     def _retained(self, what: str) -> list[Effect]:
@@ -103,7 +103,7 @@ class Stations:
         return [*(self._births.of_drones() if self._signed is not None else ()), *self._drones.records()]
 
     def _welcome(self, name: str, now_ms: int) -> list[Effect]:
-        """What a station that has registered is told of the drones, and they of it."""
+        """Publish states and ranking for a new station; if messages are signed, relay its birth and ask for beacons."""
         self._states.qods.forget()
         out = self._states.relay_all(self._drones.links.values(), now_ms)
         if self._signed is not None:
@@ -111,7 +111,7 @@ class Stations:
         return out
 
     def on_presence(self, topic: StationTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A station's birth or will; a will that its broker may say at any time frees nothing (R12.13)."""
+        """A station's birth or will; where messages are signed a will frees nothing: a broker may forge it (R12.13)."""
         name, seal = topic.name, self._to_cloud.seal
         if seal is None:
             presence = decode(Presence, message.payload)
@@ -127,7 +127,7 @@ class Stations:
         return self._births.on_station(name, signed.certificate, presence.session, message.payload)
 
     def on_grant(self, seal: Seal, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A station's word on its control of a drone: passed on as it is, while the drone is the station's."""
+        """A station's grant for a drone: passed on unchanged while the station controls the drone."""
         to = self._fog.control(topic.drone)
         signed = seal.open_of_station(self._to_fog.signed_topic(to), Envelope.parse(message.payload))
         grant = decode(Grant, signed.payload)
@@ -139,7 +139,7 @@ class Stations:
         return [Publish(FOG, to, signed.envelope.bare().routed(None).encode(), qos=1)]
 
     def on_heard(self, seal: Seal, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A station's word on the readings that it has heard: passed on as it is."""
+        """A station's acknowledgement of readings: passed on unchanged."""
         signed_topic = self._to_fog.signed_topic(self._fog.sensor_ack(topic.drone))
         signed = seal.open_of_station(signed_topic, Envelope.parse(message.payload)).before_its_end()
         if not any(f"gs-{name}" == signed.signer for name, _ in self._leases):
@@ -150,7 +150,7 @@ class Stations:
         return self._sensors.on_heard(topic.drone, ack, signed.envelope.bare().routed(None))
 
     def end_revoked(self, seal: Seal, now_ms: int) -> list[Effect]:
-        """The fleet may have a newer revocation list: who is revoked controls nothing."""
+        """After a change of the revocation list, end the registrations of revoked stations."""
         revoked = [key for key in self._leases if not seal.knows(f"gs-{key[0]}")]
         changed = [drone for key in revoked for drone in self._leases.end(key, now_ms)]
         return self._drones.controlled_anew(set(changed), now_ms)

@@ -1,4 +1,4 @@
-"""Words of one broadcast that leave the activator together (docs/protocol.md, R10.6)."""
+"""Words of one broadcast that the activator publishes together (docs/protocol.md, R10.6)."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ..security.cose import Envelope
 from ..security.together import encode_together
 
 LONGEST = 3000
-"""Bytes of a word that leaves with others: as many as may leave together stay below the longest payload."""
+"""The most bytes of a word that is sent with others: MOST_TOGETHER of them stay below the longest payload."""
 PATIENT = frozenset({Word.ACCEPTED, Word.IN_PROGRESS, Word.COMPLETED})
-"""The words that wait for others; by any other a station may do something else."""
+"""The words that wait for others; a station may act on any other word."""
 
 
 @dataclass(frozen=True)
 class _Waiting:
-    """A word of a drone, and the message in which it would leave alone."""
+    """A word of a drone, and the message that would carry it alone."""
 
     drone: int
     result: ResultMessage
@@ -38,23 +38,23 @@ class _Waiting:
 
 @dataclass(frozen=True)
 class _Roster:
-    """A broadcast's roster, and the message in which it would leave alone."""
+    """A broadcast's roster, and the message that would carry it alone."""
 
     entries: tuple[RosterEntry, ...]
     alone: Publish
 
 
 class WordsTogether:
-    """The roster and the words that wait, of one command and in their order.
+    """The waiting roster and words of one command, in their order.
 
-    Whoever says anything else flushes them first.
+    Call `flush` before you publish anything else about a command. Methods return the messages to send now.
     """
 
     def __init__(self, session: int, channel: Channel, cloud: CloudSide) -> None:
         self.due_ms: int | None = None
-        """When those that wait leave."""
+        """When the waiting messages are sent; None if none wait."""
         self.is_ended = False
-        """Nothing waits any more: the role stops."""
+        """Whether the role stops, so that nothing waits any more."""
         self._session = session
         self._channel = channel
         self._cloud = cloud
@@ -66,7 +66,7 @@ class WordsTogether:
     def open(
         self, name: str, command_id: CommandId, roster: tuple[RosterEntry, ...], alone: Publish, now_ms: int
     ) -> list[Publish]:
-        """The roster of a broadcast of a command of this name: what leaves now."""
+        """Add the roster of a broadcast; `name` is the command's, `alone` the message that would carry it alone."""
         out = self.flush(now_ms)
         if not roster or len(roster) > MOST_TOGETHER or self._channel.seal is not None or self.is_ended:
             return [*out, alone]
@@ -75,7 +75,7 @@ class WordsTogether:
         return out
 
     def add(self, name: str, drone: int, result: ResultMessage, alone: Publish, now_ms: int) -> list[Publish]:
-        """A word about the broadcast of a command of this name: what leaves now."""
+        """Add a word about a broadcast; `name` is the command's, `alone` the message that would carry it alone."""
         if len(alone.payload) > LONGEST:
             return [*self.flush(now_ms), alone]
         out = self.flush(now_ms) if self._id not in (None, result.id) else []
@@ -86,15 +86,15 @@ class WordsTogether:
         return out if waits else [*out, *self.flush(now_ms)]
 
     def waits(self, drone: int) -> bool:
-        """Whether a word of a drone does."""
+        """Whether a word of this drone waits."""
         return any(word.drone == drone for word in self._waiting)
 
     def tick(self, now_ms: int) -> list[Publish]:
-        """What has waited long enough."""
+        """Send what has waited long enough."""
         return self.flush(now_ms) if self.due_ms is not None and now_ms >= self.due_ms else []
 
     def flush(self, now_ms: int) -> list[Publish]:
-        """All that waits; a roster, or a word, by itself leaves as if it had never waited."""
+        """Send all that waits; a single roster or word is sent as if it had never waited."""
         waiting, self._waiting, self.due_ms = self._waiting, [], None
         roster, self._roster = self._roster, None
         command_id, self._id = self._id, None
@@ -123,5 +123,5 @@ class WordsTogether:
 
 
 def _is_replaced(word: ResultMessage) -> bool:
-    """Whether a newer word of its drone leaves in its place: all that it says is that the command was begun."""
+    """Whether a newer word of its drone replaces it: it says no more than that the command was begun."""
     return not word.word.is_last and word.late_ms is None

@@ -1,4 +1,4 @@
-"""`mqttxt audit`: whether an audit log is as it was written."""
+"""`mqttxt audit`: checks that an audit log is unchanged."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What the subcommands share: how errors end a process, logging, and running a role until a signal.
+"""Common to the subcommands: how errors end a process, logging, and running a role until a signal.
 
-asyncio is imported by what runs: it and ssl are a quarter of a command's start, and help needs neither.
+asyncio is imported only where something runs: with ssl it is a quarter of a command's start, and help needs neither.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ AuditRequired = Annotated[
 
 @contextlib.contextmanager
 def errors_as_lines() -> Iterator[None]:
-    """An error raised on purpose becomes its lines on stderr, mostly one, and its exit code."""
+    """Print an MqttxtError as its lines, mostly one, on stderr, and exit with its code."""
     try:
         yield
     except MqttxtError as error:
@@ -71,7 +71,7 @@ def errors_as_lines() -> Iterator[None]:
 
 @contextlib.contextmanager
 def named(option: str) -> Iterator[None]:
-    """An error of what an option has given begins with the option."""
+    """Prefix a ConfigurationError about an option's value with the option."""
     try:
         yield
     except ConfigurationError as error:
@@ -81,7 +81,7 @@ def named(option: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def readable_expected() -> Iterator[None]:
-    """The error of a file that cannot be read says what was expected."""
+    """Add the expectation to the error of a file that cannot be read."""
     try:
         yield
     except ConfigurationError as error:
@@ -91,7 +91,7 @@ def readable_expected() -> Iterator[None]:
 
 
 def numbers_of(text: str, most: int, what: str) -> frozenset[int]:
-    """Whole numbers from 1 to `most` as `1-3,7`; raises ConfigurationError with `what` in front."""
+    """Parse whole numbers from 1 to `most`, as `1-3,7`; raises ConfigurationError prefixed with `what`."""
     from ..security.rights import parse_numbers
 
     for first, last in _RANGE.findall(text):
@@ -101,7 +101,7 @@ def numbers_of(text: str, most: int, what: str) -> frozenset[int]:
 
 
 class _Lines(logging.Formatter):
-    """A message is one line, whatever of others' texts is in it."""
+    """Keeps a message to one line, whatever received texts it has."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         record.message = printable(record.message)
@@ -109,7 +109,7 @@ class _Lines(logging.Formatter):
 
 
 def set_up_logging(verbose: bool) -> None:
-    """Log lines go to stderr."""
+    """Log to stderr."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Lines("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(handlers=[handler], level=logging.DEBUG if verbose else logging.INFO)
@@ -123,7 +123,7 @@ def settings(qos: int, json: bool, bundles: bool = False) -> Settings:
 
 
 def audit_log(path: Path | None, required: bool, node: str, transport: Transport) -> AuditLog | None:
-    """The audit log of a node, None where none was asked for; raises ConfigurationError."""
+    """The audit log of a node, None without a path; raises ConfigurationError."""
     from ..core.audit_log import AuditLog
 
     if path is None:
@@ -134,14 +134,14 @@ def audit_log(path: Path | None, required: bool, node: str, transport: Transport
 
 
 def check_system(role: str) -> None:
-    """Ends the command with one line where a role that needs POSIX is started on Windows."""
+    """End the command with one line if a role that needs POSIX is started on Windows."""
     with errors_as_lines():
         if sys.platform == "win32":
             raise ConfigurationError(f"{role}: runs on Linux and macOS, not on Windows; expected one of those, or WSL")
 
 
 def run(job: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine to its result, in an event loop that watches sockets: Windows' own does not."""
+    """Run a coroutine to its result, in an event loop that watches sockets; Windows' default loop does not."""
     import asyncio
 
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
@@ -149,7 +149,7 @@ def run(job: Coroutine[Any, Any, T]) -> T:
 
 
 def on_signal(number: int, act: Callable[[], object]) -> None:
-    """Call `act` in the running event loop when a signal comes; also where a loop knows of no signals (Windows)."""
+    """Call `act` in the running event loop when a signal arrives, even if the loop has no signal handlers (Windows)."""
     import asyncio
 
     loop = asyncio.get_running_loop()
@@ -162,11 +162,11 @@ def on_signal(number: int, act: Callable[[], object]) -> None:
 def run_role(make: Callable[[], Runner]) -> None:
     """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0).
 
-    With an identity SIGHUP reads the revocation list anew; without, it ends the process as always. systemd is told how
-    it is.
+    With an identity SIGHUP reloads it with its revocation list; without, it ends the process as usual. systemd gets the
+    role's status.
     """
-    # A message makes many objects that live for microseconds, in no cycles: looking for those less often saves a tenth
-    # of an activator's time. What the imports made stays for good.
+    # A message makes many objects that live for microseconds, without cycles: collecting cycles less often saves a
+    # tenth of an activator's time. Objects of the imports are never collected.
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
     with errors_as_lines():
@@ -197,7 +197,7 @@ async def _until_signal(make: Callable[[], Runner]) -> None:
 
 
 def run_coroutine(job: Coroutine[Any, Any, int]) -> None:
-    """Run a coroutine to its exit code; Ctrl-C is 130, SIGTERM 143. Both let it take leave of what it started."""
+    """Run a coroutine to its exit code; Ctrl-C gives 130, SIGTERM 143. Both let it clean up first."""
     with errors_as_lines():
         try:
             code = run(_until_sigterm(job))

@@ -26,7 +26,7 @@ keys_app = typer.Typer(
 
 
 class Node(StrEnum):
-    """What `keys issue` issues an identity for."""
+    """The kinds of nodes for which `keys issue` issues identities."""
 
     DRONE = "drone"
     FOG = "fog"
@@ -205,7 +205,7 @@ def _authority(fleet: Path | None) -> Authority:
 
 
 def _names(kind: Node, text: str, option: str | None = None) -> list[str]:
-    """The names of nodes as their certificates have them; raises ConfigurationError."""
+    """The names of nodes in their certificates; raises ConfigurationError."""
     from ..security.names import NodeName
 
     if kind is Node.STATION:

@@ -1,4 +1,4 @@
-"""`mqttxt gs logs`: the flight logs of a drone's autopilot, into files."""
+"""`mqttxt gs logs`: downloads the flight logs of a drone's autopilot."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def get(
 
 
 class _Told:
-    """A line on stderr, now and then."""
+    """Prints the progress on stderr, at most once per TOLD_EVERY_S."""
 
     def __init__(self) -> None:
         self._next_s = 0.0

@@ -66,7 +66,7 @@ def _of_all(
 
 def main() -> None:
     """Entry point of the `mqttxt` command."""
-    if isinstance(sys.stdout, io.TextIOWrapper):  # a file or pipe on Windows may take few characters
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a file or pipe on Windows may not encode every character
         sys.stdout.reconfigure(errors="backslashreplace")
     with errors_as_lines():
         app()

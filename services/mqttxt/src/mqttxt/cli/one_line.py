@@ -1,4 +1,4 @@
-"""What a person types wrong at any subcommand is one line that names the option, the value and what was expected."""
+"""A user's mistake at any subcommand is one line that names the option, the value and the expectation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 _USAGE: Any = typer.BadParameter.__mro__[1]
-"""typer's own class of all of them, which it does not export."""
+"""The base class of typer's usage errors, which typer does not export."""
 _VALUE = re.compile(r"'(.*?)' is not ", re.DOTALL)
 _NOT_VALID = re.compile(r" valid (integer|number|float|boolean)")
 _NOT_ONE_OF = re.compile(r" is not one of (.*)")
@@ -18,7 +18,7 @@ _KINDS = {"integer": "a whole number", "boolean": "true or false"}
 
 
 class OneLineErrors(TyperGroup):
-    """The root of a command whose mistakes end it with one line and exit code 2."""
+    """The root command; a user's mistake ends it with one line and exit code 2."""
 
     def main(self, *args: Any, **how: Any) -> Any:
         """As the base class does."""
@@ -50,7 +50,7 @@ def _line_of(error: Any) -> str:
     if parameter is None:
         return f"{where}{message[:1].lower()}{message[1:].removesuffix('.')}"
     name = max(parameter.opts, key=len) if parameter.param_type_name == "option" else parameter.name.upper()
-    if hasattr(error, "param_type"):  # it is missing
+    if hasattr(error, "param_type"):  # the parameter is missing
         return f"{where}expected {name}: {parameter.help}".rstrip(": ")
     said = " ".join(error.message.split())
     typed = f"{where}{name}{_value_of(error)}"
@@ -62,13 +62,13 @@ def _line_of(error: Any) -> str:
 
 
 def _commands(context: Any) -> str:
-    """The commands that there are, in the order of the help."""
+    """The visible commands, in the order of the help."""
     names = [name for name in context.command.list_commands(context) if not context.command.commands[name].hidden]
     return f"one of {', '.join(names)}" if len(names) > 1 else names[0]
 
 
 def _where(context: Any) -> str:
-    """The subcommand's words: behind those by which the program was started, of which there may be several."""
+    """The subcommand's words, without those of the program's own name."""
     words: list[str] = []
     while context is not None and context.parent is not None:
         words.insert(0, context.info_name)
@@ -77,7 +77,7 @@ def _where(context: Any) -> str:
 
 
 def _value_of(error: Any) -> str:
-    """What was typed, as far as typer tells: in its message, or in what caused the error."""
+    """The typed value, if typer gives it: in its message, or in the cause of the error."""
     causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
     if causes:
         return f" {causes[0]['input']!r}"

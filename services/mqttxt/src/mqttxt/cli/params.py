@@ -1,4 +1,4 @@
-"""`mqttxt gs params`: the parameters of a drone's autopilot, and `.params` files as QGroundControl writes them."""
+"""`mqttxt gs params`: the parameters of a drone's autopilot, and QGroundControl's `.params` files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ params_app = typer.Typer(help="The parameters of a drone's autopilot.", no_args_
 
 File = Annotated[Path, typer.Argument(help="A .params file of QGroundControl.")]
 AT_ONCE = 8
-"""Commands that are under way to a drone at a time: it sets one parameter after the other."""
+"""The most commands under way to a drone at a time: it sets one parameter after the other."""
 TTL_S = 30.0
 
 
@@ -123,7 +123,7 @@ def diff(file: File) -> Job:
 
 
 def _to_set(file: Path, wanted: Parameters, found: Parameters) -> list[Parameter]:
-    """What of a file is to be set; raises ConfigurationError for what the drone cannot have."""
+    """The parameters of a file that differ from the drone's; raises ConfigurationError for one that it cannot take."""
     known, out = found.content.parameters, []
     for one in wanted.content:
         there = known.get(one.name)
@@ -141,7 +141,7 @@ def _to_set(file: Path, wanted: Parameters, found: Parameters) -> list[Parameter
 
 
 async def _set_all(there: Drone, wanted: Sequence[Parameter]) -> int:
-    """Set parameters in their order, some commands ahead; the exit code."""
+    """Set parameters in order, up to AT_ONCE commands at a time; returns the exit code."""
     done = 0
     for first in range(0, len(wanted), AT_ONCE):
         some = wanted[first : first + AT_ONCE]
@@ -155,7 +155,7 @@ async def _set_all(there: Drone, wanted: Sequence[Parameter]) -> int:
 
 
 async def _fetched(there: Drone) -> Parameters:
-    """The drone's parameters: those that were fetched before, and what has changed since."""
+    """The drone's parameters: the cached ones of an earlier call, and the changes since."""
     from ..protocol.parameters import ParameterSet
     from ..station.parameters import Parameters
 

@@ -1,4 +1,4 @@
-"""`mqttxt gs plan`: plans as QGroundControl writes them, onto a drone and back."""
+"""`mqttxt gs plan`: uploads and downloads plans in QGroundControl's format, and flies their missions."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _loaded(path: Path) -> Plan:
 
 
 async def _followed(sent: SentCommand[Outcome, Outcome]) -> int:
-    """Print each word; the exit code."""
+    """Print each word; returns the exit code."""
     async for said in sent:
         typer.echo(line_of(said))
     return 0 if (await sent).completed else 1

@@ -24,7 +24,7 @@ SHOWN = frozenset({"armed", "battery", "flight_mode", "heading", "landed_state",
 
 
 async def watch_fogs(station: GroundStation | Fleets, fogs: list[Fog], console: Console) -> None:
-    """Draw the table twice a second until cancelled; not on a terminal, print it once."""
+    """Draw the table twice per second until cancelled; without a terminal, print it once."""
     if not console.is_terminal:
         known = [drone for fog in fogs for drone in fog.drones]
         with contextlib.suppress(TimeoutError):
@@ -45,7 +45,7 @@ async def watch_fogs(station: GroundStation | Fleets, fogs: list[Fog], console: 
 
 
 def everything(fogs: list[Fog]) -> Group:
-    """The drones and, where any came, the sensors' newest readings."""
+    """The drones and, if there are any, the sensors' newest readings."""
     found = readings(fogs)
     return Group(table(fogs), found) if found.rows else Group(table(fogs))
 
@@ -66,12 +66,12 @@ def readings(fogs: list[Fog]) -> Table:
 
 
 def _shown(text: str) -> str:
-    """Text of others, as it is: neither markup nor anything that a terminal obeys."""
+    """A received text without effect: neither markup nor anything that a terminal obeys."""
     return escape(printable(text))
 
 
 def _time_of(unix_ms: int) -> str:
-    """A wall clock's time; years that no calendar has are shown as the number that came."""
+    """A wall clock's time; one outside the calendar is shown as the number that arrived."""
     try:
         return f"{datetime.fromtimestamp(unix_ms / 1000, UTC):%Y-%m-%d %H:%M:%S}"
     except (OverflowError, ValueError, OSError):
@@ -79,7 +79,7 @@ def _time_of(unix_ms: int) -> str:
 
 
 def table(fogs: list[Fog]) -> Table:
-    """Fogs and drones, one row a drone, best first by QoDS; when it was last heard is an upper bound."""
+    """Fogs and drones, one row per drone, best first by QoDS; the age of the newest state is an upper bound."""
     shown = Table(title="MQTT-XT", title_justify="left")
     for heading in ("fog", "QoDS", "drone", "reachable", "control", "armed", "mode", "landed"):
         shown.add_column(heading)
@@ -117,7 +117,7 @@ def _cells(drone: Drone) -> list[str]:
 
 
 def _fixed(value: float, digits: int) -> str:
-    """A number with so many digits behind the point; what is nothing by then has no sign."""
+    """A number with `digits` decimals; one that rounds to zero has no sign."""
     return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
@@ -131,6 +131,6 @@ def _armed(drone: Drone) -> str:
 
 
 def _age(drone: Drone) -> str:
-    """How long ago the drone was last heard, at the most: of its newest state."""
+    """An upper bound of the newest state's age, in seconds."""
     ages = [known.age_ms for known in drone.states.values() if known.age_ms is not None]
     return f"{min(ages) / 1000:.1f}" if ages else "-"

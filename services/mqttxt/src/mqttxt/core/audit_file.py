@@ -1,7 +1,7 @@
-"""The files of an audit log: one chain, also over full disks, power losses and rotation (protocol, section 14).
+"""The files of an audit log: one chain, unbroken by full disks, power losses and rotation (protocol, section 14).
 
-What a failed write or sync left in a file is not known. So the lines since the last sync that succeeded stay in
-memory; after a failure the file is cut there, and they are written again.
+After a failed write or sync the content of the file is unknown. So the lines since the last successful sync stay in
+memory; after a failure the file is cut back to that sync, and they are written again.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ MOST = 8
 
 
 class AuditFile:
-    """The log of `node` at `path`: at most `most` files of `largest` bytes and one sync more, the older ones at
-    `path.NUMBER` with the number of their first line.
+    """The log of `node` at `path`: at most `most` files, each of `largest` bytes and one sync more.
 
-    `open`, `flush` and `sync` block, and raise OSError: call `fail` then, and go on with `open`. `open` raises
-    ConfigurationError where the file is no audit log or of another node, BlockingIOError where a process has it.
+    Older files are `path.NUMBER`, with the number of their first line. `open`, `flush` and `sync` block and raise
+    OSError: then call `fail`, and go on with `open`. `open` raises ConfigurationError if the file is no audit log or
+    another node's, BlockingIOError if a process has it.
     """
 
     def __init__(self, path: Path, node: str, largest: int = LARGEST, most: int = MOST) -> None:
@@ -43,17 +43,17 @@ class AuditFile:
         self._link: Link | None = None
         self._first_n = 1
         self._size = 0
-        """Bytes of the file that the disk has for sure; more where nothing has failed."""
+        """Bytes of the file that are surely on disk; the file is longer by what was written since."""
         self._unsynced: list[bytes] = []
         self._written = 0
-        """How many of the unsynced lines the file has."""
+        """How many of the unsynced lines are written to the file."""
 
     @property
     def is_synced(self) -> bool:
         return not self._unsynced
 
     def open(self, now_s: float) -> None:
-        """Make ready to add lines; nothing where that is so."""
+        """Make ready to add lines; does nothing if the file is open already."""
         if self._file is None:
             self._file = _open_locked(self.path)
             if self._link is None:
@@ -68,19 +68,19 @@ class AuditFile:
         self._unsynced.append(line)
 
     def sign(self, now_s: float, seal: Seal) -> None:
-        """Chain a `head`: a signature of everything before."""
+        """Chain a `head`: a signature over all lines before it."""
         assert self._link is not None
         self.add(now_s, "head", {"sign1": self._link.signature(seal)})
 
     def flush(self) -> None:
-        """Write what was added."""
+        """Write the added lines to the file."""
         assert self._file is not None
         if self._written < len(self._unsynced):
             write_all(self._file, b"".join(self._unsynced[self._written :]))
             self._written = len(self._unsynced)
 
     def sync(self, now_s: float) -> None:
-        """Bring what was added to the disk; then go on in a new file where this one is large."""
+        """Bring the added lines to the disk; if the file is full then, go on in a new one."""
         assert self._file is not None
         self.flush()
         os.fsync(self._file)
@@ -90,7 +90,7 @@ class AuditFile:
             self._rotate(now_s)
 
     def fail(self) -> None:
-        """What the file has behind the last sync is not known."""
+        """Close the file after an error: its content after the last sync is unknown, and `open` cuts it off."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -112,7 +112,7 @@ class AuditFile:
         self.add(now_s, "file", {"node": self._node, "before": self._link.hash})
 
     def _find_end(self, now_s: float) -> None:
-        """Go on behind the last line that is there: in the file itself, or where it has none in the newest before."""
+        """Continue the chain after the last line of this file, or of the newest older one if this one has no line."""
         size = self._read_end(self.path)
         if self._link is not None:
             self._size = size
@@ -127,7 +127,7 @@ class AuditFile:
         self._begin_file(now_s)
 
     def _read_end(self, path: Path) -> int:
-        """Take the last line's link; returns the bytes of whole lines."""
+        """Take the link of the last readable line; returns the number of bytes in whole lines."""
         lines = path.read_bytes().split(b"\n")[:-1]
         if not lines:
             return 0
@@ -151,7 +151,7 @@ class AuditFile:
 
 
 def _open_locked(path: Path) -> int:
-    """A file that no other process has, on disks that have locks; raises BlockingIOError where one has it."""
+    """Open and lock a file, if its file system has locks; raises BlockingIOError if another process has it."""
     file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)

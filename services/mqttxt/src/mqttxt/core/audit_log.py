@@ -1,7 +1,7 @@
 """The audit log of a role: who commanded what, when, with which last word (docs/protocol.md, section 14).
 
 A thread of its own writes and syncs. The role's event loop only puts records into a queue, so that no command waits
-for this log. What the disk does not take waits in memory, which is bounded too: what is lost then is counted there.
+for this log. Records that cannot be written wait in memory. That queue is bounded; records beyond it are counted.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from .effects import Audit
 logger = logging.getLogger("mqttxt.audit")
 
 WRITE_S = 0.2
-"""Between two looks of the thread at what waits: waking it for each record would cost the event loop 0.1 ms."""
+"""Pause of the thread between two looks at the queue: to wake it for each record would cost the event loop 0.1 ms."""
 SYNC_S = 1.0
-"""Between two syncs: a power loss takes the lines since the last one. The UAV client's journal is on the same disk, and
-a sync of one file may wait for that of another."""
+"""Time between two syncs; a power loss costs the lines since the last one. It is not shorter because the UAV client's
+journal is on the same disk, and the sync of one file may wait for that of another."""
 SIGN_S = 60.0
 RETRY_S = 1.0
 MOST_WAITING = 10_000
-"""Records that wait for the disk; further ones are counted. More than a flood makes in the time between two looks."""
+"""Most records that wait for the disk; further ones are counted. A flood makes fewer between two looks."""
 CLOSING_S = 2.0
 
 
 class AuditLog:
-    """The log of one session of a node, signed where the node has an identity.
+    """The log of one session of a node, signed if the node has an identity.
 
-    A full or failing disk does not end the role. With `required` commands are refused meanwhile: see `takes`. Raises
-    ConfigurationError for a path that no log can have, a file that is none, and the log of another process.
+    A full or failing disk does not end the role. If the log is `required`, the role refuses commands meanwhile: see
+    `takes`. Raises ConfigurationError for an unusable path, a file that is no audit log, or another process's log.
     """
 
     def __init__(self, path: Path, node: str, identity: Identity | None = None, required: bool = False) -> None:
@@ -76,23 +76,23 @@ class AuditLog:
             logger.warning("audit log %s: not signed without --identity: who can write the file can change it", path)
 
     def takes(self) -> bool:
-        """Whether a record of now would be kept: the disk has taken the last one, and few wait for it."""
+        """Whether a record made now would be kept: the last write succeeded, and the queue is less than half full."""
         return self._failed_at_s is None and len(self._waiting) < MOST_WAITING // 2
 
     def start(self, session: int) -> None:
-        """Write from now on, in a thread, what a session records."""
+        """Start the thread, which writes the records of `session`."""
         self._session = session
         self._thread.start()
 
     def record(self, effect: Audit) -> None:
-        """Keep a record, without waiting for a disk or for the thread."""
+        """Queue a record, without waiting for the disk or the thread; count it as lost if the queue is full."""
         if len(self._waiting) < MOST_WAITING:
             self._waiting.append((self._now_s(), effect))
         else:
             self._lost += 1
 
     def close(self) -> None:
-        """Write what waits, sign, and end; blocks, for two seconds at most: a disk may never answer."""
+        """Write the queue, sign, and end the thread; blocks for at most two seconds, as a disk may never answer."""
         self._closing.set()
         self._thread.join(CLOSING_S)
 
@@ -107,7 +107,7 @@ class AuditLog:
         self._file.fail()
 
     def _turn(self, is_last: bool) -> None:
-        """What is to be written now; raises OSError, and nothing of it is lost then."""
+        """Write, sign and sync what is due; raises OSError, after which nothing is lost."""
         self._file.open(self._now_s())
         if self._failed_at_s is not None:
             self._file.flush()
@@ -124,7 +124,7 @@ class AuditLog:
             self._next_sync_s = now_s + SYNC_S
 
     def _add(self, is_last: bool) -> int | None:
-        """Chain what happened since the last turn; how many records were lost, where that is a gap."""
+        """Chain the records since the last turn; returns the number of lost ones if there is a gap, else None."""
         if not self._is_started:
             self._is_started = True
             self._line("start", {"session": self._session, "signed": self._seal is not None})
@@ -146,7 +146,7 @@ class AuditLog:
         self._is_signed = False
 
     def _fail(self, error: OSError) -> None:
-        """Say so once, until the disk takes the lines again."""
+        """Note a write error, and log it once until lines can be written again."""
         self._file.fail()
         if self._failed_at_s is None:
             self._failed_at_s, self._failure = self._now_s(), error.strerror or str(error)

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 SPAN_MS = 327_680
 """Half of the time that stamps can tell apart (R3.6)."""
 LATE_MS = 60_000
-"""How late a signed state may come at the end of a span; one of this span may come at any time in it."""
+"""How late a signed state of the previous span may arrive; one of the current span may arrive at any time in it."""
 MOST_SPANS = 3
-"""Beyond the newest that a state is looked for in, where little is known of its sender's clock."""
+"""How many spans before the newest one are tried for a state whose sender's clock is known only roughly."""
 
 
 class Channel:
-    """What a role says and hears on `link`, below `root`. Without a `seal` messages are not signed (section 12)."""
+    """A role's messages on `link`, on topics below `root`. Without a `seal` messages are not signed (section 12)."""
 
     def __init__(self, link: str, root: str, settings: Settings, seal: Seal | None = None) -> None:
         self.link = link
@@ -51,7 +51,7 @@ class Channel:
         signed_as: str | None = None,
         everywhere: bool = False,
     ) -> Publish:
-        """Say a message; at the QoS of commands where none is named. `signed_as`: as another topic than it is."""
+        """Publish a message, by default at the QoS of commands; `signed_as`: the topic to sign if it is another."""
         return Publish(
             self.link,
             topic,
@@ -66,14 +66,14 @@ class Channel:
     def payload(
         self, topic: str, message: object, with_certificate: bool = False, signed_as: str | None = None
     ) -> bytes:
-        """A message's bytes on a topic; raises PayloadError when a field cannot be carried."""
+        """Encode a message and, with a seal, sign it for its topic; raises PayloadError for an impossible field."""
         encoded = encode(message, self.settings.encoding)
         if self.seal is None:
             return encoded
         return self.seal.sign(signed_as or self.signed_topic(topic), encoded, with_certificate).encode()
 
     def opened(self, message: Inbound, signer: str, signed_as: str | None = None) -> bytes:
-        """The payload of a message of `signer`; where messages are signed, raises PayloadError for anybody else's."""
+        """The payload of a message; if messages are signed, raises PayloadError unless `signer` has signed it."""
         if self.seal is None:
             return message.payload
         return self.seal.open(signed_as or self.signed_topic(message.topic), message.payload, signer).payload
@@ -84,25 +84,25 @@ class Channel:
         return self.seal is not None and self.seal.signs_states
 
     def state_payload(self, topic: str, payload: bytes, session: int, now_ms: int) -> bytes:
-        """A state's or a bundle's bytes on a topic, in the name of this node's session; signed where states are."""
+        """The bytes to publish for a state or a bundle: signed for this node's session if states are signed."""
         return self.dated_payload(topic, payload, session, now_ms) if self.signs_states else payload
 
     def dated_payload(self, topic: str, payload: bytes, session: int, now_ms: int) -> bytes:
-        """The bytes of what has a stamp; where messages are signed, for this node's session and time alone."""
+        """The bytes to publish for a stamped payload: if messages are signed, for this session and span (R12.20)."""
         if self.seal is None:
             return payload
         said_as = _dated_as(self.signed_topic(topic), session, now_ms // SPAN_MS)
         return self.seal.sign(said_as, payload).encode()
 
     def opened_state(self, message: Inbound, signer: str, clock: RemoteClock | None, now_ms: int) -> bytes:
-        """The payload of a state or a bundle of `signer`, whose session's clock is `clock`.
+        """The payload of a state or a bundle of `signer`; `clock` is the clock of the signer's session.
 
-        Where states are signed, raises PayloadError for anybody else's, of another session, or of long ago.
+        If states are signed, raises PayloadError for one that another node signed, of another session, or too old.
         """
         return self.opened_dated(message, signer, clock, now_ms) if self.signs_states else message.payload
 
     def opened_dated(self, message: Inbound, signer: str, clock: RemoteClock | None, now_ms: int) -> bytes:
-        """The payload of what `dated_payload` has made; where messages are signed, refuses as `opened_state` does."""
+        """The payload that `dated_payload` signed; if messages are signed, raises PayloadError like `opened_state`."""
         if self.seal is None:
             return message.payload
         least_ms = clock.deadline_ms(now_ms, 0) if clock is not None else None
@@ -126,16 +126,16 @@ class Channel:
         return self.seal is not None and self.seal.signs_readings
 
     def opened_reading(self, payload: bytes, sensor: int, kind: str) -> bytes:
-        """A reading as its sensor said it; where readings are signed, raises PayloadError for anybody else's."""
+        """A sensor's reading; if readings are signed, raises PayloadError unless this sensor has signed it."""
         if self.seal is None or not self.seal.signs_readings:
             return payload
         return self.seal.open(SensorSide().sensor(sensor, kind), payload, f"sensor{sensor}").payload
 
     def signed_topic(self, topic: str) -> str:
-        """A topic as signatures name it (R12.3)."""
+        """The form of a topic that is signed (R12.3)."""
         return topic.removeprefix(self._root)
 
 
 def _dated_as(topic: str, session: int, span: int) -> str:
-    """The topic of a state or a ranking as its signature names it: by stamps alone an old one would pass as new."""
+    """The signed form of the topic of a state or a ranking: by the stamp alone an old message would pass as new."""
     return f"{topic}@{session}.{span}"

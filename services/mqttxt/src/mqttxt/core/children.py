@@ -25,24 +25,24 @@ def _ends_with_parent() -> Callable[[], None] | None:
 
 
 ENDS_WITH_PARENT = _ends_with_parent()
-"""For `preexec_fn`: SIGTERM when the parent ends, however it does (prctl(2)). None where the system has no such thing.
+"""For `preexec_fn`: SIGTERM to the child when its parent ends, in whatever way (prctl(2)). None except on Linux.
 
-Otherwise a killed role's broker would live on and hold the port.
+Otherwise a killed role's broker would live on and keep the port.
 """
 
 
 @contextlib.asynccontextmanager
 async def ending_with_parent(child: int) -> AsyncIterator[None]:
-    """Within this a child is ended with this process where ENDS_WITH_PARENT does not do it.
+    """End the process `child` with this one where ENDS_WITH_PARENT does not: outside Linux, and for root.
 
-    A child of root's that becomes another user rids itself of that, and only Linux has it. There a shell waits for the
-    end of a pipe that this process holds.
+    A child of root that changes its user loses the parent-death signal. There a shell waits for the end of a pipe that
+    this process holds, and then ends the child. Not on Windows.
     """
     if sys.platform == "win32" or (sys.platform == "linux" and os.geteuid() != 0):
         yield
         return
     watching = ("sh", "-c", 'read _; kill "$1"', "sh", str(child))
-    # In a session of its own: Ctrl-C in a terminal goes to this process and to what it started.
+    # In a session of its own, because Ctrl-C in a terminal reaches this process and its children.
     guard = await asyncio.create_subprocess_exec(*watching, stdin=asyncio.subprocess.PIPE, start_new_session=True)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Sessions and clocks: what a process knows of its own time and of another process's time.
+"""Sessions and clocks: a process's own time, and the bounds that it has on another process's time.
 
 Specification: docs/protocol.md, section 4. Everything here is arithmetic on milliseconds; only
 `system_clock_ns` reads a clock. A deadline is always expressed in the *executor's* session clock, so
@@ -15,24 +15,24 @@ from math import ceil
 
 _PARTS = 1000
 RHO = 1 / _PARTS
-"""Largest relative error of a clock's rate that the bounds allow for (1 ms a second)."""
+"""Largest relative error of a clock's rate that the bounds allow for (1 ms per second)."""
 
 _SLOWEST, _SLOWEST_OF = _PARTS - 2, _PARTS
-"""1 - 2 rho: at least as much passes on another clock while 1 passes here, as it is below (1 - rho) / (1 + rho).
+"""1 - 2 rho: the least that passes on another clock while 1 passes here, because it is below (1 - rho) / (1 + rho).
 
-Whole numbers, so that no rounding has to be argued about however long a session lasts.
+A fraction of whole numbers: no rounding error accumulates, however long a session lasts.
 """
 _FASTEST, _FASTEST_OF = _PARTS + 1, _PARTS - 1
-"""(1 + rho) / (1 - rho): at most as much; 1 + 2 rho would be too little by 2 rho squared."""
+"""(1 + rho) / (1 - rho): the most that passes there; 1 + 2 rho would be too little by 2 rho squared."""
 
 MAX_TTL_MS = 60_000
 DEFAULT_TTL_MS = 5_000
 BEACON_INTERVAL_MS = 10_000
 LIVE_INTERVALS = 3
-"""A process whose beacons stay away for this many intervals is not live."""
+"""A process is no longer live after this many intervals without a beacon."""
 
 LATEST_MS = 2**53 - 1
-"""The latest time that a payload carries (JSON's numbers are exact up to it)."""
+"""The latest time that a payload can carry, ms (JSON's numbers are exact up to it)."""
 
 STAMP_TICK_MS = 10
 STAMP_MODULUS = 1 << 16
@@ -42,10 +42,10 @@ _STAMP_SPAN_MS = STAMP_MODULUS * STAMP_TICK_MS
 def system_clock_ns() -> int:
     """Nanoseconds of a clock that NTP does not slew and suspend does not stop.
 
-    On Linux CLOCK_MONOTONIC_RAW is not slewed but stops in suspend; what suspend took is the difference between
+    On Linux CLOCK_MONOTONIC_RAW is not slewed but stops in suspend; the time spent in suspend is the difference between
     CLOCK_BOOTTIME and CLOCK_MONOTONIC (clock_gettime(2)). On macOS CLOCK_MONOTONIC_RAW goes on in suspend. On Windows
-    QueryPerformanceCounter is such a clock; Python's monotonic clock there may have ticks of 16 ms, by which a
-    deadline would be too late.
+    QueryPerformanceCounter is such a clock; Python's monotonic clock there may have ticks of 16 ms, which would make
+    a deadline late by as much.
     """
     if not hasattr(time, "clock_gettime_ns"):
         return time.perf_counter_ns()
@@ -60,7 +60,7 @@ def system_clock_ns() -> int:
 class SessionClock:
     """One process's session: a random number, and milliseconds since the process started.
 
-    `source` gives nanoseconds; tests hand in clocks of their own.
+    `source` returns nanoseconds; tests pass clocks of their own.
     """
 
     def __init__(self, source: Callable[[], int] = system_clock_ns, session: int | None = None) -> None:
@@ -86,15 +86,15 @@ def stamp_is_newer(candidate: int, reference: int) -> bool:
 def stamp_supersedes(candidate: int, reference: int, elapsed_ms: int) -> bool:
     """Whether `candidate`, received `elapsed_ms` after `reference`, replaces it.
 
-    After a quarter of the stamps' span without a word their order says nothing any more, but arrival does:
-    states are repeated every 30 s, so a drone that was out of reach for minutes is heard again at once.
+    After a quarter of the stamps' span (164 s) their order is no longer reliable, and the later arrival counts. States
+    are repeated every 30 s, so a drone that was out of reach for minutes is shown again at once.
     """
     return elapsed_ms > _STAMP_SPAN_MS // 4 or stamp_is_newer(candidate, reference)
 
 
 @dataclass(frozen=True)
 class Beacon:
-    """A process's word about its own clock: `[session, now_ms, echoed nonce, held_ms]`.
+    """The reading of a process's own clock: `[session, now_ms, echoed nonce, held_ms]`.
 
     `held_ms` is how long the nonce waited in the sender between its receipt and this beacon.
     """
@@ -106,29 +106,28 @@ class Beacon:
 
 
 class RemoteClock:
-    """What this process knows of one session of another process's clock, as two bounds.
+    """Two bounds on another process's clock, for one of its sessions.
 
-    The lower bound comes from any beacon: it was sent before it arrived, so the remote clock reads at
-    least T when it does. The upper bound comes from an echo: the question was sent before it was
-    received, so the remote clock then read at most T - held. A beacon that was delayed only makes the
-    lower bound lower (deadlines earlier) and the upper bound higher (ages larger): both are safe.
+    The lower bound comes from any beacon: it was sent before it arrived, so on arrival the remote clock reads at
+    least T. The upper bound comes from an echo: the nonce was sent before it was received, so when it was sent the
+    remote clock read at most T - held. A delayed beacon only makes the lower bound lower (deadlines earlier) and the
+    upper bound higher (ages larger): both are safe.
 
-    While both clocks keep within rho no beacon can contradict an earlier one. One that does shows that a
-    clock was stepped or stood still; what was known before it is forgotten then. The derivation is in
-    docs/deadlines.md.
+    While both clocks keep within rho, no beacon can contradict an earlier one. One that does shows that a clock was
+    stepped or stood still; both bounds are then forgotten. The derivation is in docs/deadlines.md.
     """
 
     def __init__(self, session: int) -> None:
         self.session = session
         self.last_beacon_ms: int | None = None
-        """The own time by which the newest beacon was said at the latest, by its own clock."""
+        """Latest own time at which the newest beacon can have been sent, by the remote clock that it carries."""
         self._lower_offset: int | None = None  # in 1 / _SLOWEST_OF ms
         self._upper_offset: int | None = None  # in 1 / _FASTEST_OF ms
 
     def observe(self, beacon: Beacon, received_ms: int, asked_ms: int | None = None) -> None:
-        """Take in a beacon of this session, received at the own time `received_ms`.
+        """Take in a beacon that was received at the own time `received_ms`; raises ValueError for another session's.
 
-        `asked_ms` is the own time at which the echoed nonce was sent, None when it is not ours.
+        `asked_ms` is the own time at which the echoed nonce was sent, None if the nonce is not this process's.
         """
         if beacon.session != self.session:
             raise ValueError(f"beacon of session {beacon.session}, expected {self.session}")
@@ -153,8 +152,7 @@ class RemoteClock:
         """D = T + (now - r)(1 - 2 rho) + ttl (1 - 2 rho), the largest over all beacons; None without one.
 
         Clocks are read in whole milliseconds: r counts as one more, and D is one less because the executor's
-        clock still reads D for almost a millisecond after it. D is never later than a payload can carry, whatever
-        a beacon claims.
+        clock still reads D for almost a millisecond after it. D never exceeds LATEST_MS, whatever a beacon claims.
         """
         if self._lower_offset is None:
             return None
@@ -162,23 +160,23 @@ class RemoteClock:
         return min(found, LATEST_MS)
 
     def latest_now_ms(self, now_ms: int) -> int | None:
-        """The most that the remote clock can read at the own time `now_ms`; None before an echo."""
+        """Latest time that the remote clock can show at the own time `now_ms`; None before an echo."""
         if self._upper_offset is None:
             return None
         return -(-(self._upper_offset + (now_ms + 1) * _FASTEST) // _FASTEST_OF)
 
     def age_ms(self, stamped: int, now_ms: int) -> int | None:
-        """Upper bound of the age of something stamped by the remote process; None before an echo."""
+        """Upper bound of the age of a message that the remote process stamped, ms; None before an echo."""
         latest = self.latest_now_ms(now_ms)
         if latest is None:
             return None
         return (latest - stamped * STAMP_TICK_MS) % _STAMP_SPAN_MS
 
     def is_live(self, now_ms: int, interval_ms: int = BEACON_INTERVAL_MS) -> bool:
-        """Whether a beacon was said within the last three intervals: one that is repeated is as old as at first."""
+        """Whether a beacon was sent within the last three intervals; repeating an old one does not make it younger."""
         return self.last_beacon_ms is not None and now_ms - self.last_beacon_ms <= LIVE_INTERVALS * interval_ms
 
 
 def expiry_s(remaining_ms: float) -> int:
-    """MQTT message expiry for something with `remaining_ms` to live: housekeeping, never zero."""
+    """MQTT message expiry, s, for a message with `remaining_ms` to live: housekeeping only, at least 1 (R4.9)."""
     return max(1, ceil(remaining_ms / 1000))

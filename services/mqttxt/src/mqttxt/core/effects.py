@@ -1,4 +1,4 @@
-"""What a role asks of the world: the only way a state machine acts.
+"""Effects: the actions that a role requests. A state machine acts in no other way.
 
 A runner (`mqttxt.core.runner`) carries effects out in their order and reports back through the role's methods.
 """
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 @dataclass(slots=True, unsafe_hash=True)
 class Publish:
-    """Publish on the connection `link`. With a `ref` the role hears how it ended (`on_published`).
+    """Publish on the connection `link`; with a `ref`, its outcome is reported to the role (`on_published`).
 
-    `everywhere`: over each connection of a link that has several (`core.bond`). Nobody changes one; to be frozen would
-    cost 2.5 µs of each state that is relayed, and as much for `Inbound`.
+    `everywhere`: over each connection of a link that has several (`core.bond`). It is never changed, but not frozen
+    either: that would cost 2.5 µs per relayed state, and as much again for `Inbound`.
     """
 
     link: str
@@ -31,8 +31,8 @@ class Publish:
 class Subscribe:
     """Subscribe on `link`; `on_subscribed` with this effect follows the SUBACK.
 
-    `live_only` is for commands: nothing retained is sent, and RETAIN shows as published (Retain Handling 2,
-    Retain As Published).
+    `live_only` is for commands: the broker sends no retained message, and leaves RETAIN as it was published (Retain
+    Handling 2, Retain As Published).
     """
 
     link: str
@@ -51,7 +51,7 @@ class Unsubscribe:
 
 @dataclass(frozen=True)
 class Reconnect:
-    """Give up the connection `link`, with its will, and begin another one: `reason` is for a person."""
+    """Give up the connection `link`, so that its will is sent, and open a new one; `reason` is for a person."""
 
     link: str
     reason: str
@@ -59,7 +59,7 @@ class Reconnect:
 
 @dataclass(frozen=True)
 class Log:
-    """Something to count under `kind`; the runner logs the first of a kind with its detail."""
+    """An event to count under `kind`; the runner logs the first of each kind with its detail."""
 
     kind: str
     detail: str
@@ -74,10 +74,10 @@ class Stop:
 
 @dataclass(frozen=True)
 class Audit:
-    """Write into the audit log, where there is one, what was said at `now_ms` of the session's clock.
+    """Write `message`, of the session time `now_ms`, into the audit log, if the node has one (R14.2).
 
-    A `command` or `select` was admitted; a `word` is a last one. `who` is the node that said it, as certificates name
-    it, None where that is not known; `is_signed`: its signature says so. `drone` None: it is of the fog as a whole.
+    The `event` is `command` or `select` for an admitted one, `word` for a last word. `who` is the name of its sender,
+    as in the certificate, None if unknown; `is_signed`: proven by a signature. `drone` is None for the whole fog.
     """
 
     event: str
@@ -89,7 +89,7 @@ class Audit:
 
 
 Receipt = tuple[int, int]
-"""Names an inbound message that waits for its PUBACK; opaque."""
+"""Identifies an inbound message that waits for its PUBACK; opaque."""
 
 
 Effect = Publish | Subscribe | Unsubscribe | Reconnect | Log | Stop | Audit
@@ -97,9 +97,9 @@ Effect = Publish | Subscribe | Unsubscribe | Reconnect | Log | Stop | Audit
 
 @dataclass(slots=True, unsafe_hash=True)
 class Inbound:
-    """A message received from a broker; with a `receipt` on a link that acknowledges by hand.
+    """A message received from a broker; it has a `receipt` on a link whose role acknowledges messages itself.
 
-    `path` is the connection it came by, of a link that has several.
+    `path` is the connection over which it arrived, of a link that has several.
     """
 
     topic: str

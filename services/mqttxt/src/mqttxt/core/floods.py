@@ -1,4 +1,4 @@
-"""What one client with valid credentials may ask of a role, however much it sends (docs/protocol.md, section 15)."""
+"""Limits on the work that one client with valid credentials may cause (docs/protocol.md, section 15)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Generic, TypeVar
 Key = TypeVar("Key", bound=Hashable)
 
 STATION_PER_S, STATION_AT_ONCE = 400, 1000
-"""Messages that one station may have: a command for each of 250 drones at once, and a grant for each every second."""
+"""One station's messages: enough for a command to each of 250 drones at once, and a grant for each per second."""
 PAUSE_MS = 1000
 MOST_KNOWN = 1000
 
 
 class Budget:
-    """Of each station as many messages are taken as `per_s` a second, and `at_once` beyond that."""
+    """A token bucket for each station: it holds `at_once` messages, and gains `per_s` per second."""
 
     def __init__(self, per_s: int, at_once: int) -> None:
         self._ms = 1000 / per_s
@@ -22,7 +22,7 @@ class Budget:
         self._paid_until_ms: dict[Hashable, float] = {}
 
     def takes(self, station: Hashable, now_ms: int) -> bool:
-        """Whether one more message of a station is taken."""
+        """Whether to process one more message of a station; if so, charges it."""
         paid_until_ms = max(self._paid_until_ms.get(station, 0.0), now_ms) + self._ms
         if paid_until_ms > now_ms + self._ahead_ms:
             return False
@@ -32,14 +32,14 @@ class Budget:
         return True
 
     def owes(self, station: Hashable, now_ms: int, messages: int) -> None:
-        """Charge messages that were taken: so many later ones are not."""
+        """Charge a station for messages processed without `takes`; as many later ones are refused."""
         self._paid_until_ms[station] = max(self._paid_until_ms.get(station, 0.0), now_ms) + messages * self._ms
 
 
 class Repetitions(Generic[Key]):
-    """A repetition is answered at once, then at most once in `PAUSE_MS`; the last one when that is over.
+    """Limits answers to repetitions: one at once, then at most one per `PAUSE_MS`, for the last one when that is over.
 
-    `key` says what is repeated: a command's id, say.
+    `key` identifies the repeated message: a command's id, for example.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Repetitions(Generic[Key]):
         self._owed: dict[Key, None] = {}
 
     def may_answer(self, key: Key, now_ms: int) -> bool:
-        """Whether to answer now; where not, it is `due` later."""
+        """Whether to answer now; if not, `due` returns the key later."""
         if now_ms - self._answered_ms.get(key, now_ms - PAUSE_MS) < PAUSE_MS:
             self._owed[key] = None
             return False
@@ -55,7 +55,7 @@ class Repetitions(Generic[Key]):
         return True
 
     def due(self, now_ms: int) -> list[Key]:
-        """What is to be answered now."""
+        """The keys whose postponed answers are to be given now."""
         if not self._answered_ms:
             return []
         over = [key for key, at_ms in self._answered_ms.items() if now_ms - at_ms >= PAUSE_MS]

@@ -9,26 +9,26 @@ from .clock import BEACON_INTERVAL_MS
 from .effects import Effect, Publish, Reconnect
 
 SILENT_MS = BEACON_INTERVAL_MS + 2_000
-"""Each node hears something of its counterpart in an interval of beacons."""
+"""Silence before a test: each node receives at least one message of its counterpart per beacon interval."""
 LONGEST_SILENT_MS = 8 * SILENT_MS
-"""Where a new connection delivered nothing either: this node may not be allowed to hear what it says."""
+"""The same after several useless reconnects: the broker may forbid this node to receive its own messages."""
 ANSWER_MS = 5_000
-"""What the broker has acknowledged comes back within that."""
+"""A test message returns within this time of the broker's acknowledgement."""
 UNANSWERED_MS = 30_000
-"""Without an acknowledgement: by then the keep-alive has ended a connection over which nothing comes at all."""
+"""The wait without an acknowledgement: until then the keep-alive has ended a connection that carries nothing at all."""
 STALL_MS = 1_000
-"""A process that was not called for so long stood still, and what has come meanwhile waits to be read."""
+"""A process that was not called for this long stood still, and messages of that time may wait to be read."""
 ASKED = "hearing"
-"""The `ref` of what is said to be heard."""
+"""The `ref` of test messages."""
 _FIRST_FAILURE = 0x80
-"""Of MQTT 5's reason codes."""
+"""The lowest failure among MQTT 5's reason codes."""
 
 
 class Hearing:
-    """Finds out whether the connection `link` delivers, where nothing comes over it.
+    """Tests whether the connection `link` still delivers, after a silence.
 
-    `say` publishes something that its owner subscribes to, and so hears, whoever else is there: its birth. A broker
-    that stands still is the keep-alive's to judge: the will of a connection that is given up may cost control.
+    `say` publishes the test message: one that its owner itself subscribes to, such as its birth. A broker that does
+    not answer at all is left to the keep-alive, because the will of a connection that is given up may cost control.
     """
 
     def __init__(self, link: str, say: Callable[[], Iterable[Effect]]) -> None:
@@ -41,23 +41,23 @@ class Hearing:
         self._called_ms = 0
 
     def connected(self, now_ms: int) -> None:
-        """Subscriptions are asked for."""
+        """The connection is up, and its subscriptions are requested."""
         self._is_granted = False
         self._ask(now_ms)
 
     def granted(self, now_ms: int) -> None:
-        """All of them are granted."""
+        """All subscriptions are granted."""
         self._is_granted = True
         self._listen(now_ms)
 
     def heard(self, now_ms: int) -> None:
-        """A message has come."""
+        """A message has arrived."""
         if self._is_granted:
             self._silent_ms = SILENT_MS
             self._listen(now_ms)
 
     def published(self, ref: Hashable, code: int, now_ms: int) -> bool:
-        """A publish with `ref` was acknowledged; returns whether it was what was said to be heard."""
+        """A publish with `ref` was acknowledged; returns whether it was a test message."""
         if ref != ASKED:
             return False
         if self._is_granted and self._has_asked and not self._is_taken:
@@ -68,11 +68,11 @@ class Hearing:
         return True
 
     def end(self) -> None:
-        """The connection has ended, or is to be left alone."""
+        """Stop testing: the connection has ended, or is to be left alone."""
         self._due_ms, self._is_granted = None, False
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """What is to be said into a silence, and, where that is not heard either, that the connection is of no use."""
+        """Publish a test message after a silence, or reconnect if that message has not returned."""
         pause_ms, self._called_ms = now_ms - self._called_ms, now_ms
         self._stood_still = self._stood_still or (self._has_asked and pause_ms > STALL_MS)
         if self._due_ms is None or now_ms < self._due_ms:

@@ -1,8 +1,8 @@
-"""The command ledger: what an executor has been asked and what it answered (docs/protocol.md, section 5).
+"""The command ledger: the commands that an executor received and its answers to them (docs/protocol.md, R5.3).
 
 Entries live until the deadline has passed, then with their outcomes for ten minutes. A duplicate is recognised,
-not executed again; a full ledger denies and never evicts. Who is not in control can fill only a share of it, and what
-brings a drone to a halt finds room when nothing else does. No station has more of a share than it leaves free.
+not executed again; a full ledger denies and never evicts. Stations that are not in control can fill only a share of
+it. Hold, land and return find room when nothing else does. No station takes more of a share than it leaves free.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from ..protocol.messages import CommandId
 KEEP_MS = 600_000
 CAPACITY = 8192
 FOG_CAPACITY = 65_536
-"""An activator's, whose stations command all drones of its fog."""
+"""The capacity at an activator, whose stations command all drones of its fog."""
 
 Record = TypeVar("Record")
 
 
 OVERRIDING = (Hold, Land, Return)
-"""What brings a drone to a halt, and ends the search of a drone for an earlier command."""
+"""Commands that bring a drone to a halt, and end the search of a drone for an earlier command."""
 
 
 class Admission(Enum):
-    """What the ledger says of an id and its contents.
+    """The ledger's verdict on an id and its contents.
 
-    IGNORED is for who is not in control, and finds no room: not answered at all. A denial would have to be kept, for
-    the same id may come a second time once its station is in control.
+    IGNORED: the station is not in control, and its share is full. It is not answered at all, because a denial would
+    have to be kept: the same id may arrive a second time once its station is in control.
     """
 
     NEW = auto()
@@ -44,7 +44,7 @@ class Admission(Enum):
 
 
 class Share(Enum):
-    """Whose room in the ledger a command takes."""
+    """The part of the ledger in which a command takes its places."""
 
     OUTSIDERS = auto()
     ORDINARY = auto()
@@ -52,7 +52,7 @@ class Share(Enum):
 
     @classmethod
     def of(cls, command: Command, in_control: bool) -> Share:
-        """The share of a command of a station that is, or is not, in control of what the command is for."""
+        """The share of a command; `in_control`: its station controls the drones that the command is for."""
         if not in_control:
             return cls.OUTSIDERS
         return cls.OVERRIDING if isinstance(command, OVERRIDING) else cls.ORDINARY
@@ -60,9 +60,9 @@ class Share(Enum):
 
 @dataclass
 class Entry(Generic[Record]):
-    """One id: its contents (None when known only from a journal), and what its owner records about it.
+    """One id: its contents (None if known only from a journal), and the record that the ledger's owner keeps of it.
 
-    It takes as many `places` as executors may get it.
+    It takes one of `places` for each executor that may get the command.
     """
 
     id: CommandId
@@ -77,7 +77,7 @@ class Entry(Generic[Record]):
 
 @dataclass(frozen=True)
 class _Bar:
-    """Until when what takes so many places or more is denied."""
+    """Commands of `places` or more are denied until `until_ms`."""
 
     until_ms: int
     places: int
@@ -86,8 +86,8 @@ class _Bar:
 class Ledger(Generic[Record]):
     """Ids with their contents and records, in `capacity` places: a quarter is for outsiders, a sixteenth kept free.
 
-    A `station` is whatever the owner of the ledger knows a station by. Each takes at most half of what the others of
-    its share have left: so one that fills its half leaves the next one a quarter, and so on.
+    `station` is the key by which the ledger's owner tells stations apart. Each takes at most half of the places that
+    the others of its share have left: one that fills its half leaves the next one a quarter, and so on.
     """
 
     def __init__(self, capacity: int = CAPACITY, keep_ms: int = KEEP_MS) -> None:
@@ -120,11 +120,11 @@ class Ledger(Generic[Record]):
         station: Hashable = None,
         places: int = 1,
     ) -> Admission:
-        """What to do with a command of a station that takes so many places, without entering it.
+        """Decide on a command of `station` that takes so many places, without entering it.
 
-        While the deadline of an id that was denied for want of room has not passed, unknown ids of its station and
-        share are denied too that take as many places: the denied one may arrive a second time and must not be executed
-        then.
+        After a denial for want of room, unknown ids of the same station and share that take as many places or more
+        are denied too, until the deadline of the denied id has passed: it may arrive a second time and must not be
+        executed then.
         """
         entry = self._entries.get(command_id)
         if entry is not None:
@@ -167,7 +167,7 @@ class Ledger(Generic[Record]):
         return self._taken_by[share, station] + places <= free - (places - 1)
 
     def close(self, entry: Entry[Record], now_ms: int) -> None:
-        """The last word is out: keep it for ten minutes from now or from the deadline, whichever is later."""
+        """The last word is published: keep it for ten minutes from now or from the deadline, whichever is later."""
         entry.is_open = False
         entry.keep_until_ms = max(entry.keep_until_ms, now_ms + self._keep_ms)
         self._open.pop(entry.id, None)

@@ -1,4 +1,4 @@
-"""A process's own birth and will, retained on a topic that shows nothing else while it lives (protocol, section 9)."""
+"""A process's own birth and will, retained on a topic that shows nothing else while it runs (protocol, section 9)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from .settings import Rebirth
 
 
 class OwnPresence:
-    """That of a ground station's or a UAV client's `session`, on `topic` of a channel.
+    """The presence of a ground station's or a UAV client's `session`, on `topic` of a channel.
 
-    `rebirth` is for its owner: armed where the topic shows anything else, it says when to publish the birth again.
+    Its owner arms `rebirth` when the topic shows anything else, and publishes the birth again when that is due.
     """
 
     def __init__(self, channel: Channel, topic: str, session: int) -> None:
@@ -22,15 +22,15 @@ class OwnPresence:
         self._session = session
 
     def will(self, *, several: bool = False) -> Will:
-        """The will of a connection; `several`: there are others beside it."""
+        """The will of a connection; `several`: the client has other connections too."""
         return Will(self.topic, self._payload(up=False, several=several))
 
     def say(self, *, up: bool) -> Publish:
-        """The birth, or at a clean stop that the session is over."""
+        """Publish the birth, or, at a clean stop, the end of the session."""
         return Publish(self._channel.link, self.topic, self._payload(up), qos=1, retain=True)
 
     def is_shown(self, message: Inbound) -> bool:
-        """Whether a message on the topic is the birth; who signs knows its own by the bytes. Raises PayloadError."""
+        """Whether a message on the topic is the birth, byte for byte if signed; raises PayloadError if malformed."""
         if self._channel.seal is not None:
             return message.payload == self._payload(up=True)
         seen = decode(Presence, message.payload)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 MOST_OF_ONE = 64
-"""Sessions of one station, those with the newest births: one for each start of its process."""
+"""Most sessions kept for one station, those with the newest births; each start of its process makes one."""
 
 
 class SessionOwners:
-    """The first station whose signature names a session has it: ids, order and control are kept by session.
+    """The owner of each session: the first station whose signature named it. Ids, order and control go by session.
 
-    What `is_in_use` is never forgotten: births that a broker repeats would give it to another station otherwise.
+    A session for which `is_in_use` returns true is never forgotten: a birth that a broker repeats could otherwise give
+    it to another station.
     """
 
     def __init__(self, is_in_use: Callable[[int], bool] = lambda session: False) -> None:
@@ -19,7 +20,7 @@ class SessionOwners:
         self._is_in_use = is_in_use
 
     def claim(self, session: int, station: str) -> bool:
-        """Whether a session is this station's, from now on if it was nobody's."""
+        """Give a session without an owner to `station`; returns whether the session is this station's."""
         if self._owners.setdefault(session, station) != station:
             return False
         self._owners[session] = self._owners.pop(session)  # in the order of their newest births
@@ -30,11 +31,11 @@ class SessionOwners:
         return True
 
     def restore(self, session: int, station: str) -> None:
-        """A session's owner in the words of the fog's activator, whoever has claimed the session meanwhile."""
+        """Set the owner that the fog's activator names for a session, whichever station has claimed it meanwhile."""
         self._owners[session] = station
 
     def owner(self, session: int) -> str | None:
-        """The station whose session it is, as its certificate names it."""
+        """The name, as in the certificate, of the station that owns a session."""
         return self._owners.get(session)
 
     def is_of(self, session: int, station: str) -> bool:

@@ -1,4 +1,4 @@
-"""The settings of every role at its start."""
+"""Settings, waiting times and retries that the roles share."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from ..protocol.values import Encoding
 from .clock import BEACON_INTERVAL_MS
 
 CONNECT_S = 30.0
-"""How long a station waits for an activator: connecting, subscribing and registering take a round trip or two each."""
+"""How long a station waits for an activator; connecting, subscribing and registering take one or two round trips each.
+"""
 GRACE_MS = 5_000
-"""How long after deadline and limit a command may stay without its last word before it is unconfirmed."""
+"""How long after deadline and limit a last word may still arrive before the command is `unconfirmed` (R5.9)."""
 REBIRTH_MS = 1_000
-"""How long an owner waits before it puts its retained topic right, so that two of them do not race."""
+"""How long an owner waits before it corrects its retained topic, so that two owners do not race."""
 QUERY_DEADLINE_MS = 0
-"""A deadline that is always past: the relay asks what became of a command that an earlier session may have had."""
+"""A deadline that is always past: it asks for the outcome of a command that an earlier session may have forwarded."""
 RESEND_FIRST_MS = 2_000
 RESEND_LAST_MS = 16_000
 TOGETHER_MS = 1_000
-"""How long the roster and the words of a broadcast wait for each other at the activator, at most: drones say yes by
-heartbeats, which come once per second, and nobody does anything else by the yes of some of them."""
+"""How long at most the roster and the words of a broadcast wait for each other at the activator. Drones confirm by
+heartbeats, one per second, and nobody acts on the confirmation of some of the drones alone."""
 NO_MATCHING_SUBSCRIBERS = 0x10
-"""MQTT 5 PUBACK reason code: the broker took the message and nobody is there to get it."""
+"""MQTT 5 PUBACK reason code: the broker accepted the message, and no client subscribes to it."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """`qos` is that of commands, results and the likes; states are always QoS 0, presence and leases QoS 1.
+    """A role's settings. `qos` is that of commands, results and the like; states are QoS 0, presence and leases QoS 1.
 
-    `bundles`: a UAV client publishes its states together, once in `bundle_ms`, and so does an activator to the
-    stations that ask for it; for them words of a broadcast leave together too. PSMI and QoDS leave out drones whose
-    figures are older than `state_limit_ms`.
+    `bundles`: a UAV client publishes its states together, once per `bundle_ms`, and so does an activator for the
+    stations that ask for it; for these, words of a broadcast are sent together too. PSMI and QoDS leave out drones
+    whose figures are older than `state_limit_ms`.
     """
 
     qos: int = 1
@@ -42,13 +43,13 @@ class Settings:
 
 
 def next_turn_ms(due_ms: int, now_ms: int, interval_ms: int) -> int:
-    """When what was due at `due_ms` is due again: on the same schedule, unless it came early or missed a turn."""
+    """Next time of a task that was due at `due_ms`: on the same schedule, unless it ran early or missed a turn."""
     on_schedule = due_ms <= now_ms < due_ms + interval_ms
     return (due_ms if on_schedule else now_ms) + interval_ms
 
 
 class Rebirth:
-    """When an owner puts its retained topic right. Once it is armed nothing puts it off: a stranger may write on."""
+    """The time to correct an owner's retained topic. Once armed, nothing postpones it: a stranger may go on writing."""
 
     def __init__(self) -> None:
         self._at_ms: int | None = None
@@ -61,7 +62,7 @@ class Rebirth:
         self._at_ms = None
 
     def is_due(self, now_ms: int) -> bool:
-        """Whether it is time; asking when it is disarms it."""
+        """Whether it is time; if so, disarms."""
         if self._at_ms is None or now_ms < self._at_ms:
             return False
         self._at_ms = None
@@ -76,7 +77,7 @@ class Retry:
         self._next_ms = first_ms
 
     def is_due(self, now_ms: int) -> bool:
-        """Whether it is time; asking when it is moves the next time on."""
+        """Whether it is time; if so, sets the next time."""
         if now_ms < self._next_ms:
             return False
         self._next_ms = now_ms + self._gap_ms
@@ -85,21 +86,21 @@ class Retry:
 
     @classmethod
     def unanswered(cls, now_ms: int) -> Retry:
-        """What was sent just now is sent again after two seconds."""
+        """For a message sent just now: it is sent again after two seconds."""
         retry = cls(now_ms)
         retry.is_due(now_ms)
         return retry
 
     @classmethod
     def after_word(cls, qos: int, now_ms: int) -> Retry | None:
-        """A command that was answered is asked for rarely at QoS 0, and not at all at QoS 1."""
+        """For a command that has a first word: asked for every 16 s at QoS 0, not at all at QoS 1."""
         return cls(now_ms + RESEND_LAST_MS, RESEND_LAST_MS) if qos == 0 else None
 
     @classmethod
     def of(cls, qos: int, now_ms: int, remaining_ms: int, waits_ms: int = 0) -> Retry:
-        """QoS 0 asks again after two seconds; at QoS 1 the transport repeats, so not before the deadline.
+        """For an unanswered command: sent again after two seconds; at QoS 1, where MQTT repeats it, after the deadline.
 
-        `waits_ms`: how long the answer may wait at who gives it.
+        `waits_ms`: how long the receiver may hold back its answer.
         """
         if qos == 0:
             return cls(now_ms + RESEND_FIRST_MS + waits_ms, 2 * RESEND_FIRST_MS)

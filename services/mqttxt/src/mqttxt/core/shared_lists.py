@@ -1,4 +1,4 @@
-"""A fleet's revocation list at its brokers: who has the newer one gives it to the others (docs/protocol.md, R11.13)."""
+"""The fleet's revocation list at its brokers: a node with a newer one publishes it (docs/protocol.md, R11.13)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ if TYPE_CHECKING:
 LISTS = "revocation lists"
 """The `ref` of these subscriptions."""
 LISTS_PER_S, LISTS_AT_ONCE = 10, 100
-"""Lists that are read of one broker: whoever may publish one can make each node verify it."""
+"""How many lists of one broker are read: anyone who may publish one can make each node verify it."""
 
 
 @dataclass
 class _Place:
-    """Numbers of lists: what a broker has shown since it granted the subscription, and what it was given since.
+    """One broker: the numbers of the lists that it has `shown` and was `given` since it granted the subscription.
 
-    From `due_ms` on it is given this node's, where that is higher than both. `missed`: it showed more than was read.
+    From `due_ms` on this node publishes its own list there, if that one's number is higher than both. `missed` is
+    armed when a list was dropped unread.
     """
 
     topic: str
@@ -37,11 +38,11 @@ class _Place:
 
 
 class SharedLists:
-    """Takes newer lists from brokers, and publishes this node's where a broker shows an older one, or none.
+    """Takes newer lists from brokers, and publishes this node's list where a broker shows an older one or none.
 
-    `topics` are those of the connections that have one, `patience_ms` is how long others have to do it first: None
-    where a node only hears. `told` are those of connections that are only told. Without a fleet there are no lists.
-    Times are milliseconds of the session clock.
+    `topics` has the list's topic for each connection that subscribes to it. `patience_ms` is how long other nodes have
+    to publish first; with None this node never publishes. `told` has the topics of connections on which this node
+    publishes without subscribing. Without a fleet there are no lists. Times are milliseconds of the session clock.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class SharedLists:
         self._budget = Budget(LISTS_PER_S, LISTS_AT_ONCE)
 
     def topic(self, link: str) -> str | None:
-        """Where the list is heard on a connection; None where it is not."""
+        """The topic of the list that a connection subscribes to; None if it does not."""
         return self._heard.get(link)
 
     def is_shown(self, link: str) -> bool:
@@ -78,15 +79,15 @@ class SharedLists:
             self._places[link].is_subscribed = False
 
     def on_subscribed(self, link: str, now_ms: int) -> None:
-        """What the broker retains comes now, if it retains anything."""
+        """Start waiting for the list that the broker retains, if any: it follows the SUBACK."""
         place = self._places[link]
         place.is_subscribed, place.due_ms = True, now_ms + self._pause_ms
         place.shown = place.given = 0
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> tuple[list[Effect], bool]:
-        """A list at a broker. Whether it is newer: then it counts from now on; one that is older is put right.
+        """Read a list from a broker; returns effects, and whether it is newer than this node's and has replaced that.
 
-        What comes beyond the share is not read. The broker is asked again then for what it retains.
+        `tick` corrects an older list. Lists beyond the budget are dropped unread, and this node subscribes again.
         """
         fleet, place = self._fleet, self._places[link]
         assert fleet is not None
@@ -107,12 +108,12 @@ class SharedLists:
         return [], fleet.take(found)
 
     def on_newer(self, now_ms: int) -> None:
-        """This node has a newer list: every broker that has not shown it is given it at once."""
+        """This node has a newer list: the next `tick` publishes it at every broker that has not shown it."""
         for place in self._places.values():
             place.due_ms = now_ms
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """What is due; to be called at least ten times a second."""
+        """Publish due lists, and subscribe again where lists were missed; call it at least ten times per second."""
         if self._fleet is None:
             return []
         out: list[Effect] = []
@@ -127,7 +128,7 @@ class SharedLists:
         return out
 
     def _show(self, place: _Place, number: int, now_ms: int) -> None:
-        """Waiting begins when the broker first shows less than before: nothing puts it off."""
+        """Note the number that the broker shows. Waiting begins when that falls; repeating it postpones nothing."""
         if number < max(place.shown, place.given):
             place.due_ms = now_ms + self._pause_ms
             place.given = 0

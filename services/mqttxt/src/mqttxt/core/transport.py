@@ -1,4 +1,4 @@
-"""How a node's connections are protected: by its identity, or, only where that was asked for, not at all."""
+"""How a node's connections are protected: by its identity, or, only on request, not at all."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Transport:
-    """`identity` is who this node is to the brokers of its fleet; `insecure` allows connections without encryption."""
+    """`identity` proves this node to the brokers of its fleet; `insecure` allows connections without encryption."""
 
     identity: Identity | None = None
     insecure: bool = False
@@ -38,7 +38,7 @@ class Transport:
         return cls(identity, insecure)
 
     def seal(self, signed: bool, signed_states: bool = False, signed_readings: bool = False) -> Seal | None:
-        """What this node signs with, if it does; raises ConfigurationError without an identity."""
+        """The seal with which this node signs, None if it does not; raises ConfigurationError without an identity."""
         for option, is_given in (("--signed-states", signed_states), ("--signed-readings", signed_readings)):
             if is_given and not signed:
                 raise ConfigurationError(f"{option}: expected --signed beside it")
@@ -51,10 +51,11 @@ class Transport:
         return Seal(self.identity, signed_states, signed_readings)
 
     def check(self, address: BrokerAddress, option: str, signed: bool = False) -> BrokerAddress:
-        """The address, if connections there are protected; raises ConfigurationError where they are not.
+        """Return `address` if connections to it are protected; raises ConfigurationError if not.
 
-        `mqtts://` without an identity is left to passwords and the system's certificate authorities. Datagrams are
-        protected by the signatures of what they carry, where messages are `signed`.
+        `mqtts://` without an identity relies on passwords and the system's certificate authorities. Datagrams are
+        protected by the signatures of their messages, if messages are `signed`. Without an identity loopback needs no
+        protection, and with `insecure` no address does.
         """
         if address.datagrams and self.identity is not None:
             if not signed:

@@ -1,4 +1,4 @@
-"""The demo's drones: where each stands, what its battery holds, and how fast it flies; and the places around them."""
+"""The demo's drones: position, battery and speed of each; and the places around them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 FOG = 1
 _PARAMETERS = "{COM_DISARM_PRFLT: 60, RTL_RETURN_ALT: 15, MIS_TAKEOFF_ALT: 10}"
-"""Of all drones, with PX4's names. PX4's own 10 s between arm and takeoff are short for who types."""
+"""The parameters of all drones, with PX4's names. PX4's default of 10 s between arm and takeoff is short for typing."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """One drone. Its largest speed is also its cruising speed, so that it arrives when a ranking says so."""
+    """One drone. Its largest speed is also its cruising speed, so that it arrives when a ranking predicts it."""
 
     latitude_deg: float
     longitude_deg: float
@@ -29,7 +29,7 @@ DRONES = {
     3: Simulated(47.398102, 8.545594, 70, 88, 14, 750),
     4: Simulated(47.398102, 8.546126, 60, 97, 11, 700),
 }
-"""By number. Each differs from the others, so that a ranking has something to rank."""
+"""By number. All differ, so that a ranking has something to rank."""
 
 PLACES = {
     "Church": (47.39850, 8.54700),
@@ -38,7 +38,7 @@ PLACES = {
     "Mill": (47.39680, 8.54530),
     "Bridge": (47.39700, 8.54720),
 }
-"""Invented ones, in degrees north and east, by name."""
+"""Invented places by name, in degrees north and east."""
 
 
 def fleet_file() -> str:

@@ -1,4 +1,4 @@
-"""A part of the demo: a process that is started, listened to, and ended with all that it has started itself."""
+"""A part of the demo: a process that is started, watched, and ended with all of its children."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from ..core.children import ENDS_WITH_PARENT
 from ..errors import PartEnded
 
 END_S = 10.0
-"""How long a part may take to end by itself."""
+"""How long a part may take to end after SIGTERM."""
 LAST_WORDS = 5
-"""Lines that are told of a part that has ended."""
+"""The lines that are shown of a part that has ended."""
 
 
 class Part:
     """One process in a process group of its own, so that Ctrl-C reaches the demo alone, which ends its parts in order.
 
     Parameters:
-        name: what a person calls it.
+        name: its name for people.
         command: the program and its arguments.
         hear: called with each line that it writes.
-        sign: how a line ends by which it is known to run.
+        sign: the end of the line that shows that it runs.
     """
 
     def __init__(self, name: str, command: Iterable[str], hear: Callable[[str], None], sign: str = "") -> None:
@@ -37,12 +37,12 @@ class Part:
         self._lines: deque[str] = deque(maxlen=LAST_WORDS)
         self._sign = sign
         self.runs: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        """True once it has written its sign, False where it has ended without."""
+        """True once it has written its sign, False if it has ended without."""
         self._process: Process | None = None
         self._ended: asyncio.Task[int] | None = None
 
     async def start(self, folder: Path) -> None:
-        """Start it; all that it writes for a while goes into `folder`."""
+        """Start it; its temporary files are in `folder`."""
         self._process = await asyncio.create_subprocess_exec(
             *self._command,
             stdin=DEVNULL,
@@ -57,18 +57,18 @@ class Part:
 
     @property
     def ended(self) -> asyncio.Task[int]:
-        """Done with the exit code when it has ended."""
+        """A task that is done when the part has ended; its result is the exit code."""
         assert self._ended is not None
         return self._ended
 
     def last_words(self) -> PartEnded:
-        """What to tell of it when it has ended by itself."""
+        """The error for a part that has ended unasked."""
         code = self.ended.result()
         how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
         return PartEnded(f"{self.name} {how}; its last words: {' | '.join(self._lines) or 'none'}")
 
     async def end(self) -> None:
-        """End it, by force where it does not within `END_S`, and then what is left of its group."""
+        """End it, by force after `END_S`, and kill the rest of its process group."""
         process = self._process
         if process is None:
             return

@@ -1,4 +1,4 @@
-"""The demo: what runs, in which order it starts and ends, and what a person is told."""
+"""The demo: its parts, the order in which they start and end, and the messages to its user."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .parts import Part
 from .ports import HOST, free_ports
 
 CLOUD_PORT = 1890
-"""Where the cloud broker is, unless somebody else is there. Not 1883: where Mosquitto is installed, it often runs."""
+"""The cloud broker's port, unless it is in use. Not 1883, where an installed Mosquitto often runs."""
 PAGE_PORT = 8080
-"""Where the page is, unless somebody else is there."""
+"""The page's port, unless it is in use."""
 READY_S = 120.0
-"""How long the drones may take until they are reachable."""
+"""How long the drones may take to become reachable."""
 _KEEPS_USER = "user root\n"
-"""Root's Mosquitto would become another user, and with that no longer end with a demo that is killed (prctl(2))."""
+"""Otherwise root's Mosquitto changes its user, and then no longer ends with a demo that is killed (prctl(2))."""
 _IN_USE = ("in use", "uses the port")
-"""What Mosquitto says of a port that another program has, and the page."""
+"""Parts of the messages of Mosquitto and the page about a port that is in use."""
 _READY = """\
 Ready. Watch and fly the drones in a browser: {page}
 
@@ -51,11 +51,11 @@ class Demo:
     """A cloud broker, an activator with its fog's broker, simulated drones with their UAV clients, and the page.
 
     Parameters:
-        tell: takes each line for the person.
-        verbose: tell also what the parts write.
-        open_page: open the page in a browser, too.
-        tiles: the page's `--tiles`, a file by its whole path.
-        places: the page's `--places`, the same; None: places that are invented.
+        tell: called with each line for the user.
+        verbose: also pass on the parts' output.
+        open_page: also open the page in a browser.
+        tiles: the page's `--tiles`; a file by its absolute path.
+        places: the page's `--places`, likewise; None: invented places.
     """
 
     def __init__(
@@ -72,17 +72,17 @@ class Demo:
         self._tiles = tiles
         self._places = places
         self._stages: list[list[Part]] = []
-        """Those of one stage are started and ended together; the last stage ends first."""
+        """The parts of one stage start and end together; the last stage ends first."""
         self._ports = free_ports(CLOUD_PORT)
         self._page_ports = free_ports(PAGE_PORT)
         self._over: asyncio.Future[Part | None] = asyncio.get_running_loop().create_future()
-        """The part that has ended by itself, None where a signal asked for the end."""
+        """The part that has ended unasked, None if a signal ends the demo."""
 
     async def run(self) -> None:
         """Run until SIGINT, SIGTERM or SIGHUP, then end every part and remove every file.
 
-        Raises ConfigurationError where something is not installed, PartEnded where a part has ended by itself, and
-        FogUnreachable where the drones are not there in time.
+        Raises ConfigurationError if something is not installed, PartEnded if a part has ended unasked, and
+        FogUnreachable if the drones are not reachable in time.
         """
         broker = _installed()
         browser = _browser() if self._open_page else None
@@ -170,7 +170,7 @@ class Demo:
         raise _no_port()
 
     async def _listens(self, folder: Path, part: Part) -> bool:
-        """Start a part; False where another program has its port by now. Raises PartEnded."""
+        """Start a part; returns False if its port is in use by now. Raises PartEnded."""
         self._stages.append([part])
         await part.start(folder)
         if await part.runs:
@@ -223,7 +223,7 @@ def _no_port() -> ConfigurationError:
 
 
 def _installed() -> str:
-    """Mosquitto's path; raises ConfigurationError where that, the stand-in or the page's library is not installed."""
+    """Mosquitto's path; raises ConfigurationError if it, the stand-in or the page's library is not installed."""
     if importlib.util.find_spec("sitl") is None:
         raise ConfigurationError(
             "demo: expected the autopilot stand-in (mqttxt-sitl): in a clone of the repository, "

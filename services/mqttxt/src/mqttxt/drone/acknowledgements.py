@@ -1,4 +1,4 @@
-"""What the autopilot's acknowledgements say of the open commands (docs/protocol.md, R5.6, R5.18)."""
+"""The autopilot's acknowledgements and their effect on the open commands (docs/protocol.md, R5.6, R5.18)."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .resting_numbers import AckKey, Kind
 from .runs import Output, Phase, Run, Runs, Said
 
 UNEXPLAINED = "autopilot"
-"""The reason of a refusal whose result alone does not give one."""
+"""The reason of a refusal whose MAV_RESULT gives none."""
 WORDS_MS = 200
-"""So long after its refusal an autopilot may send its reason as text."""
+"""How long after a refusal the autopilot's STATUSTEXT may still give the reason."""
 PROGRESS_MS = 1000
-"""Percentages are published at most as often; of those in between the newest."""
+"""The shortest time between two percentages of a command; in between only the newest is kept."""
 
 _FLIGHT_COMMANDS = frozenset(
     {
@@ -38,7 +38,7 @@ _FLIGHT_COMMANDS = frozenset(
 
 @dataclass(frozen=True)
 class _Held:
-    """The last word on a refused command, message number `number` of its write, and how long it is held back."""
+    """The last word on a refused command, the message number at its write, and the end of holding it back."""
 
     said: Said
     number: int
@@ -47,7 +47,7 @@ class _Held:
 
 @dataclass(frozen=True)
 class Acknowledgements:
-    """Finds the command that an acknowledgement is of, and says what became of that."""
+    """Matches acknowledgements to open commands, and returns the words that follow."""
 
     vehicle: Vehicle
     runs: Runs
@@ -76,11 +76,11 @@ class Acknowledgements:
         return self.accept(run, now_ms)
 
     def rest(self, run: Run, now_ms: int) -> None:
-        """Leave the key alone while acknowledgements of this run may still come."""
+        """Rest the run's key while its acknowledgements may still arrive."""
         self.runs.acks.rest(run.ack_key, run.id, run.sends - run.acks, now_ms)
 
     def accept(self, run: Run, now_ms: int) -> list[Output]:
-        """The autopilot does it from now on."""
+        """The autopilot carries the command out from now on."""
         run.phase = Phase.RUNNING
         run.accepted_ms = now_ms
         run.accepted_number, run.restarts = self.vehicle.number, self.vehicle.boots.restarts
@@ -98,7 +98,7 @@ class Acknowledgements:
         return out
 
     def tell_progress(self, run: Run, now_ms: int) -> list[Output]:
-        """The newest percentage, where it differs from the one published, and not too soon after that."""
+        """The newest percentage, if it differs from the published one, at most once per `PROGRESS_MS`."""
         if not run.in_progress or run.percent == run.told_percent or now_ms < run.told_percent_ms + PROGRESS_MS:
             return []
         return [self._progress(run, now_ms)]
@@ -115,9 +115,9 @@ class Acknowledgements:
         return word, reason
 
     def _on_refusal(self, run: Run, result: int, now_ms: int) -> list[Output]:
-        """The last word once every copy was refused: one that is unanswered, or in progress, may be carried out.
+        """The last word once every copy was refused: an unanswered copy, or one in progress, may be carried out.
 
-        Where an acknowledgement may be that of several runs, each waits for the copies of all of them.
+        Runs that share a key wait for the answers to all their copies.
         """
         word, reason = self._refusal(run, result)
         run.refusals += 1
@@ -130,7 +130,7 @@ class Acknowledgements:
         return [said for one in sharing if one.refused is not None for said in self._end_refused(one, now_ms)]
 
     def _end_refused(self, run: Run, now_ms: int) -> list[Output]:
-        """Say the last word, or hold it back for the autopilot's reason."""
+        """End a refused run; hold its last word back if a reason may follow."""
         assert run.refused is not None
         said = self.runs.end(run, *run.refused)
         if said.reason != UNEXPLAINED or not self.vehicle.autopilot.explains_afterwards:
@@ -139,7 +139,7 @@ class Acknowledgements:
         return []
 
     def explained(self, now_ms: int) -> list[Output]:
-        """The last words that were held back, once the autopilot's reason has come, or has not for too long."""
+        """The held-back last words whose reason has arrived or is no longer waited for."""
         out: list[Output] = []
         for held in list(self._held):
             text = self.vehicle.text_since(held.number)
@@ -149,7 +149,7 @@ class Acknowledgements:
         return out
 
     def _on_unawaited(self, key: AckKey, result: int, now_ms: int) -> list[Output]:
-        """An acknowledgement that no command waits for: another copy's, a second one, or of a write of our own."""
+        """An acknowledgement that no command waits for: another copy's, a second one, or of the client's own write."""
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             return []
         expected, mav_cmd = self.runs.acks.take(key, now_ms), key[0]
@@ -170,9 +170,9 @@ class Acknowledgements:
         return [*late]
 
     def _on_refusal_after_acceptance(self, run: Run, result: int) -> list[Output]:
-        """It was not carried out after all, unless a heartbeat has shown its mode, or another copy may be.
+        """End an accepted run as refused, unless a heartbeat has shown its mode, or another copy may be carried out.
 
-        Nor where another run waits for an acknowledgement of the same key: the refusal may be that one's.
+        The run also goes on while another one waits under the same key: the refusal may be of that one.
         """
         if self.runs.sharing(run.ack_key):
             return []
@@ -182,7 +182,7 @@ class Acknowledgements:
         return [self.runs.end(run, *self._refusal(run, result))]
 
     def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
-        """It is being done, and is not sent again."""
+        """The command is under way, and is not sent again."""
         run.percent = percent
         if run.in_progress:
             return self.tell_progress(run, now_ms)
@@ -194,7 +194,7 @@ class Acknowledgements:
         return Said(run.id, Word.IN_PROGRESS, percent=run.percent, late_ms=run.late_ms)
 
     def _supersede(self, run: Run, now_ms: int) -> list[Output]:
-        """A command that is under way takes the place of the older ones of its group, acknowledged or not."""
+        """End the older commands of the group of a command that is under way, acknowledged or not."""
         out: list[Output] = []
         for other in self.runs.older(run):
             if other.phase is Phase.SENT:

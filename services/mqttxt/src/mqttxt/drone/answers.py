@@ -1,4 +1,4 @@
-"""What is kept of a command's words: in the ledger of this session, and of earlier ones in the journal."""
+"""The stored words of commands: this session's in the ledger, those of earlier sessions in the journal."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .runs import Said
 
 @dataclass
 class Answers:
-    """A command's results: its name for the topic, the newest word, and whether a last one was acknowledged.
+    """A command's results: its name for the topic, the newest word, and whether a last word was acknowledged.
 
-    `said` is that word as it was published, for who asks again.
+    `said` is that word as it was published, to answer repetitions of the command.
 
-    `is_journalled`: the journal has it. What was refused before needs no place there: an id that a later session
-    does not know is `expired`, a definite no too.
+    `is_journalled`: the journal has the command. One that was refused needs no record there: a later session answers
+    an unknown id with `expired`, which is a definite no too.
     """
 
     name: str
@@ -34,9 +34,9 @@ class Answers:
 
 @dataclass(frozen=True)
 class Unfinished:
-    """What a journal tells of an earlier session: an id that was open, or a last word, and whether it was delivered.
+    """A journal's record of an earlier session: an id that was open, or a last word, and whether it was delivered.
 
-    A delivered one is kept too: its answer may have died with the fog's broker, and is asked for again then.
+    Delivered words are kept too: one may have been lost with the fog's broker, and a query for it follows.
     """
 
     id: CommandId
@@ -47,7 +47,7 @@ class Unfinished:
 
 
 def result_of(said: Said, session: int, now_ms: int) -> ResultMessage:
-    """A word of a client session as it is published."""
+    """A word of the client's `session` as a message."""
     return ResultMessage(
         gs_session=said.id.gs_session,
         seq=said.id.seq,

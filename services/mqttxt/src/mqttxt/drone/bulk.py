@@ -1,4 +1,4 @@
-"""Objects in pieces at the drone: what a station stages here, and what it fetches (docs/protocol.md, section 16)."""
+"""Objects in pieces at the drone: those that a station stages, and those that it fetches (protocol, section 16)."""
 
 from __future__ import annotations
 
@@ -36,16 +36,13 @@ from .logs.reader import LogReader
 
 MOST_STAGED = 4
 MOST_STAGED_BYTES = 256 * 1024
-"""What is staged at a time, of all objects together; what was touched longest ago makes room."""
+"""The limits of all staged objects together; the one that was used longest ago makes room."""
 KEPT_MS = 600_000
-"""How long an object stays that nobody touches."""
+"""How long an unused object stays."""
 MOST_BYTES_OF = {PLAN: 64 * 1024}
-"""How long an object of each kind that can be staged may be."""
+"""The greatest size of an object of each kind that can be staged."""
 Source = Callable[[int, bytes | None], bytes | str | Unchanged | None]
-"""Gives the newest object of a kind, at a time, to who has what is named; or why there is none.
-
-None while it is being made.
-"""
+"""Takes the time, ms, and the station's hash; gives the newest object, or why there is none; None while it is made."""
 
 
 @dataclass
@@ -56,23 +53,23 @@ class _Staged:
 
 @dataclass
 class BulkStore:
-    """What one UAV client has of objects, in memory alone: after a restart a station stages again.
+    """The objects of one UAV client, only in memory: after its restart a station stages again.
 
-    `sources` give what is fetched, by its kind; `logs` reads the autopilot's, which are on the disk.
+    `sources` give the objects to fetch, by their kind; `logs` reads the autopilot's logs, which are on the disk.
     """
 
     sources: dict[str, Source] = field(default_factory=dict)
     logs: LogReader | None = None
     _staged: dict[bytes, _Staged] = field(default_factory=dict)
     _given: dict[str, tuple[bytes, bytes]] = field(default_factory=dict)
-    """The newest object of each kind that was asked for, behind its hash."""
+    """The newest fetched object of each kind: its hash and its bytes."""
     _awaiting: dict[str, tuple[BulkAsk, Get]] = field(default_factory=dict)
-    """The newest question for each kind that is being made."""
+    """The newest request for each kind whose object is being made."""
     _awaited_log: tuple[FlightLog, BulkAsk] | None = None
-    """The log that a station waits for, and its newest question."""
+    """The log that a station waits for, and its newest request."""
 
     def on_ask(self, message: BulkAsk, now_ms: int) -> list[BulkAnswer | LoadLog]:
-        """The answers to a station's message; none while what it asks for is being made, or loaded."""
+        """The answers to a station's message; none while the requested object is being made or loaded."""
         log = FlightLog.of_kind(message.kind) if self.logs is not None else None
         if isinstance(message.ask, Put):
             answers: list[Answer] = [self._put(message.kind, message.ask, now_ms)]
@@ -85,7 +82,7 @@ class BulkStore:
         return [_answered(message, answer) for answer in answers]
 
     def tick(self, now_ms: int) -> list[BulkAnswer]:
-        """Objects that have become ready, for who waits for them."""
+        """Answers with objects that are now ready. Unused staged objects are dropped."""
         if self._staged:
             self._staged = {hash: one for hash, one in self._staged.items() if now_ms - one.touched_ms <= KEPT_MS}
         out: list[BulkAnswer] = []
@@ -103,7 +100,7 @@ class BulkStore:
         return out
 
     def staged(self, hash: bytes) -> bytes | None:
-        """An object that was staged as a whole."""
+        """The object with that hash, if all of it was staged."""
         found = self._staged.get(hash)
         return found.part.data if found is not None and found.part.is_whole else None
 
@@ -150,7 +147,7 @@ class BulkStore:
         ]
 
     def _get_log(self, log: FlightLog, message: BulkAsk, now_ms: int) -> list[Answer]:
-        """How far it is; that it is there, or will not be, follows."""
+        """Start reading a log and answer its progress; the final answer follows."""
         assert self.logs is not None
         self.logs.want(log, now_ms)
         self._awaited_log = (log, message)
@@ -164,7 +161,7 @@ class BulkStore:
         return found if isinstance(found, Making) else Have(found.hash, found.size, (Range(0, found.size),))
 
     def _newest(self, kind: str, known: bytes | None, now_ms: int) -> Have | Refused | Unchanged | None:
-        """What there is of a kind, kept until the next question, None while it is being made."""
+        """Answer with the newest object of a kind, and keep it until the next request; None while it is made."""
         source = self.sources.get(kind)
         if source is None:
             return Refused("unknown_kind")
@@ -179,13 +176,13 @@ class BulkStore:
 
 
 def _answered(ask: BulkAsk, answer: Answer) -> BulkAnswer:
-    """An answer with what names its question (R12.22)."""
+    """An answer with the fields that identify its request (R12.22)."""
     return BulkAnswer(gs_session=ask.gs_session, kind=ask.kind, nonce=ask.nonce, answer=answer)
 
 
 @dataclass(frozen=True)
 class BulkPort:
-    """The messages about objects: only those of the station in control are heard, so nobody else costs anything."""
+    """The messages about objects. Only the station in control is served, so that others cost nothing."""
 
     drone: int
     channel: Channel
@@ -194,7 +191,7 @@ class BulkPort:
     store: BulkStore
 
     def on_message(self, message: Inbound, holder_session: int | None, now_ms: int) -> list[Effect]:
-        """A piece or a question; raises PayloadError where it is not of `holder_session`."""
+        """A piece or a request. Raises PayloadError if it is not of `holder_session`."""
         ask = self._opened(message)
         if holder_session is None or ask.gs_session != holder_session:
             raise PayloadError(f"object of session {ask.gs_session:08x}: expected the station in control", "outsiders")
@@ -203,7 +200,7 @@ class BulkPort:
         return [*loads, *self._published([one for one in said if isinstance(one, BulkAnswer)])]
 
     def on_loaded(self, loaded: LogLoaded) -> list[Effect]:
-        """The bytes of a log that a station has asked for."""
+        """Publish the bytes of a log that a station has requested."""
         answers: list[Answer] = [Refused("unknown_hash", loaded.hash)]
         if loaded.data is not None:
             data, offset = loaded.data, loaded.get.offset
@@ -217,7 +214,7 @@ class BulkPort:
         return self._published(self.store.tick(now_ms))
 
     def _opened(self, message: Inbound) -> BulkAsk:
-        """The message; where messages are signed, of a station's own session, with the rights that it needs."""
+        """The message. Raises PayloadError if it is signed and session or rights are not the signer's."""
         seal = self.channel.seal
         if seal is None:
             return decode(BulkAsk, message.payload)

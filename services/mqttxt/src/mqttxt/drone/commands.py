@@ -1,4 +1,4 @@
-"""What a UAV client does with commands: admit, execute, answer, and answer again until it was heard."""
+"""A UAV client's commands: admit, execute, answer, and repeat the answer until it is delivered."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from .start_order import StartOrder
 
 LINK = "fog"
 KEPT_BACK_MS = 1000
-"""How long a result waits before it is published again, where nobody was there to get it."""
+"""How long a result waits to be published again, if it had no subscriber or the broker refused it."""
 
 
 class CommandDesk:
     """The commands of one UAV client session: ledger, order, executor, and the words about them.
 
-    `remembers` false: there is no journal of the sessions before this one, so that of an id which may have been
-    theirs nobody knows what became. `epoch` is that of the drone's control, which by the activator's lease ends at
-    `held_until_ms`: commands go by that alone, as they have an end of their own (R12.14). `may_publish` is set while
-    the client is born, `republish_at_ms` when a last word has to be said again. While `is_audited` says no, commands
-    other than hold, land and return are denied (R14.6).
+    `remembers` false: the journal of earlier sessions is missing or has a gap, so the outcome of an id that may have
+    been theirs is unknown. `epoch` is that of the drone's control, which the activator's lease ends at
+    `held_until_ms`. Commands are judged by the lease alone, because they have their own deadline (R12.14).
+    `may_publish` is set while the client is born, `republish_at_ms` when a last word has to be published again. While
+    `is_audited` returns False, commands other than hold, land and return are denied (R14.6).
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class CommandDesk:
             self.ledger.close(entry, 0)
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
-        """A command; where messages are signed, raises PayloadError before anything is answered or entered (R12.9)."""
+        """Admit or answer a command. Raises PayloadError for a bad signature, before anything else (R12.9)."""
         payload, signed = self._opened(message)
         try:
             command = decode(CommandMessage, payload)
@@ -102,7 +102,7 @@ class CommandDesk:
         return self._on_command(tightened, message.retain, now_ms, signed, command.deadline_ms)
 
     def _opened(self, message: Inbound) -> tuple[bytes, Signed | None]:
-        """What a station says, and as what it was signed; where messages are signed, raises PayloadError."""
+        """The payload, and its signature if signed. Raises PayloadError if that or its session is wrong."""
         seal = self._channel.seal
         if seal is None:
             return message.payload, None
@@ -113,7 +113,7 @@ class CommandDesk:
         return signed.payload, signed
 
     def _malformed(self, payload: bytes, station: str | None, error: PayloadError, now_ms: int) -> list[Effect]:
-        """A denial of what is no command, for who can be told from it; `station` has signed it."""
+        """Deny a payload that is no valid command, if its command id can be read. `station` signed it."""
         known = identify(payload)
         if known is None or self.ledger.get(known) is not None:
             return []
@@ -124,7 +124,7 @@ class CommandDesk:
         return [*self.say_first_words(), self._publish_result("malformed", denial, kept=False)]
 
     def _tightened(self, command: CommandMessage, route: Any) -> CommandMessage:
-        """The command as its relay passed it on: due as it was signed, or earlier."""
+        """The command with the earlier deadline: the signed one, or the relay's in the route."""
         assert command.deadline_ms is not None
         relayed_ms = command.deadline_ms if route is None else route
         if type(relayed_ms) is not int or relayed_ms < 0:
@@ -139,7 +139,7 @@ class CommandDesk:
         signed: Signed | None = None,
         signed_until_ms: int | None = None,
     ) -> list[Effect]:
-        """Admit or answer. `signed_until_ms` is what the station signed: until then the same id may come in time."""
+        """Admit or answer. `signed_until_ms` is the signed deadline: until then the same id may arrive in time."""
         deadline_ms = command.deadline_ms
         if command.executor_session != self._session:
             deadline_ms = None
@@ -177,7 +177,7 @@ class CommandDesk:
         return [audit, Journal(command.id, command.command.name)]
 
     def on_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
-        """Start a command that the journal has, so that a restarted client can say what became of it."""
+        """Start a command that is in the journal: a restarted client can report its outcome."""
         command, entry = self._to_start.pop(command_id), self.ledger.get(command_id)
         assert entry is not None
         assert command.deadline_ms is not None
@@ -189,12 +189,12 @@ class CommandDesk:
         return self.carry_out(started, now_ms)
 
     def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
-        """Nothing is started that a restarted client would not know of."""
+        """Deny a command without a record: a restarted client could not report its outcome."""
         del self._to_start[command_id]
         return self.carry_out([Said(command_id, Word.DENIED, "journal")], now_ms)
 
     def _refusal(self, command: CommandMessage, deadline_ms: int | None, retained: bool, now_ms: int) -> Said | None:
-        """Why a new command is not started, None when it is."""
+        """The last word on a new command that must not start; None if it may."""
         if retained:
             return Said(command.id, Word.DENIED, "retained")
         is_of_before = command.executor_session not in (0, self._session) or deadline_ms == QUERY_DEADLINE_MS
@@ -215,14 +215,14 @@ class CommandDesk:
         return None
 
     def _is_in_control(self, gs_session: int, now_ms: int) -> bool:
-        """Whether the lease names this station; only a signed lease says so for certain."""
+        """Whether the lease names this station; True without signatures, as only a signed lease proves it."""
         if self._channel.seal is None:
             return True
         is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
         return is_held and self.executor.lease.holder_session == gs_session
 
     def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
-        """Effects as they are; words become results, recorded in ledger and journal before they leave."""
+        """Pass effects on, and turn words into results, recorded in ledger and journal before they leave."""
         out: list[Effect] = []
         for output in outputs:
             if not isinstance(output, Said):
@@ -249,9 +249,9 @@ class CommandDesk:
         return Audit("word", word, now_ms, f"drone{self._drone}", self._drone, self._channel.seal is not None)
 
     def _answer(self, record: Answers) -> list[Effect]:
-        """The newest word, while there is somebody to publish it to; without one it will come by itself.
+        """Publish the newest word while the client is born; otherwise it is published after the birth.
 
-        At QoS 0 nothing acknowledges it: what is lost is asked for again.
+        At QoS 0 no PUBACK confirms it: a station queries for a lost one.
         """
         newest = record.newest
         if newest is None or not self.may_publish:
@@ -263,7 +263,7 @@ class CommandDesk:
         return out
 
     def say_first_words(self, besides: CommandId | None = None) -> list[Effect]:
-        """The first words that wait, before anything else is said; but of a command of which a newer one leaves."""
+        """Publish the waiting first words before any other word, except that of the command `besides`."""
         waiting = [self.ledger.get(command_id) for command_id in self.first_words.take(besides)]
         return [effect for entry in waiting if entry is not None for effect in self._answer(entry.record)]
 
@@ -272,17 +272,17 @@ class CommandDesk:
         return isinstance(effect, Publish) and effect.topic.startswith(self._results)
 
     def _delivered(self, command_id: CommandId, record: Answers) -> list[Effect]:
-        """The last word has arrived, and is not published again."""
+        """The last word was delivered, and is not published again."""
         record.delivered = True
         return [Journal(command_id, record.name, done=True)] if record.is_journalled else []
 
     def republish(self) -> list[Effect]:
-        """The newest words whose delivery was not acknowledged."""
+        """Repeat the newest word of each command without a delivered last word."""
         records = [entry.record for entry in self.ledger.entries()]
         return [effect for record in records if not record.delivered for effect in self._answer(record)]
 
     def close_restored(self, now_ms: int) -> list[Effect]:
-        """Ids that an earlier session left: nobody knows what became of the open ones."""
+        """Restore the words of earlier sessions; ids still open become `unconfirmed(restarted)`."""
         out: list[Effect] = []
         for left in self._restored:
             entry = self.ledger.get(left.id)
@@ -296,7 +296,7 @@ class CommandDesk:
         return out
 
     def _publish_result(self, name: str, result: ResultMessage, kept: bool = True) -> Publish:
-        """Only the acknowledgement of a last word that the ledger keeps ends its repetition."""
+        """Publish a result. The PUBACK of a last word that the ledger keeps (`kept`) ends its repetition."""
         topic = self._topics.commands_result(self._drone, name)
         ref = result.id if kept and result.word.is_last else None
         return self._channel.publish(topic, result, ref=ref, everywhere=True)
@@ -312,7 +312,7 @@ class CommandDesk:
         return self._delivered(entry.id, entry.record)
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """Deadlines and limits of what runs, and last words that nobody was there to get."""
+        """Check deadlines and limits of open commands, and publish the words that are due again."""
         out = self.say_first_words() if self.first_words.is_due(now_ms) else []
         out += self.carry_out(self.executor.tick(now_ms), now_ms)
         again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))

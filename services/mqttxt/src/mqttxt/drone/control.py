@@ -1,4 +1,4 @@
-"""Who controls the drone, as far as it can tell: the activator's lease and, where messages are signed, the grants."""
+"""Who controls the drone: by the activator's lease and, where messages are signed, by the stations' grants."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .grants import Grants
 
 
 class Control:
-    """The newest lease of one UAV client session, and what follows from it for its commands (`desk`)."""
+    """The newest lease of one UAV client session, which it applies to the session's commands (`desk`)."""
 
     def __init__(self, drone: int, session: int, channel: Channel, desk: CommandDesk, owners: SessionOwners) -> None:
         self.lease: DroneLease | None = None
         self.is_refused = False
-        """Whether another client was said to be this drone while this one flew; it stops once it is disarmed."""
+        """Whether this client was refused while its drone was armed; it stops once that is disarmed."""
         self._drone = drone
         self._session = session
         self._channel = channel
@@ -32,7 +32,7 @@ class Control:
         self._grants = Grants()
 
     def take(self, lease: DroneLease) -> bool:
-        """Whether this is the newest word on who controls the drone; an old one changes nothing."""
+        """Apply a lease and return True, unless it is older than the known one."""
         if self.lease is not None and self._is_older(lease, self.lease):
             return False
         self.lease = lease
@@ -41,7 +41,7 @@ class Control:
         return True
 
     def on_refusal(self, lease: DroneLease, is_armed: bool) -> list[Log | Stop]:
-        """Another client is this drone: this one stops, but where messages are signed not in flight (R9.5)."""
+        """Stop, as another client has the drone's number; with signed messages not while armed (R9.5)."""
         if self._channel.seal is not None and self.lease is not None:
             if self._is_repeated(lease):
                 return [Log("old_lease", f"refusal {lease.counter} of drone {self._drone}: older than its lease")]
@@ -54,16 +54,16 @@ class Control:
         return Stop(f"refused: another live UAV client is drone {self._drone} already")
 
     def _is_repeated(self, refusal: DroneLease) -> bool:
-        """Whether its activator session has said a refusal before the newest lease, which is also its own."""
+        """Whether a refusal is older than the newest lease, if both are from the same activator session."""
         known = self.lease
         if known is None or known.activator_session != refusal.activator_session:
             return False
         return (refusal.counter or 0) <= (known.counter or 0)
 
     def _is_older(self, lease: DroneLease, known: DroneLease) -> bool:
-        """Leases of one activator session are ordered by their counter, signed ones also of several.
+        """Whether `lease` is older: by its counter in one activator session, by a signed `heard_ms` across sessions.
 
-        Unsigned ones of an older activator have none, and are ordered by their epoch alone.
+        Unsigned leases without a counter, from older activators, are ordered by their epoch alone.
         """
         is_of_same = lease.activator_session == known.activator_session
         if is_of_same and lease.counter is not None:
@@ -75,7 +75,7 @@ class Control:
         return known.heard_ms is not None and (lease.heard_ms or 0) <= known.heard_ms
 
     def on_station(self, seal: Seal, message: Inbound) -> list[Effect]:
-        """A ground station's birth as it was signed: from now on the drone knows its certificate and its session."""
+        """A ground station's signed birth, from which the drone learns its certificate and its session."""
         signed = seal.verified(
             Envelope.parse(message.payload), lambda station: station_reachable(station.node.label), is_station
         )
@@ -85,7 +85,7 @@ class Control:
         return []
 
     def on_grant(self, seal: Seal, message: Inbound) -> list[Effect]:
-        """A station's own word on its control, which no activator can make last longer."""
+        """A station's signed grant, beyond which no activator can extend control. Raises PayloadError."""
         signed = seal.open_of_station(self._channel.signed_topic(message.topic), Envelope.parse(message.payload))
         grant = decode(Grant, signed.payload)
         is_own = self._owners.is_of(grant.gs_session, signed.signer)
@@ -97,7 +97,7 @@ class Control:
         return []
 
     def _apply(self) -> None:
-        """Where messages are signed, what lasts without a word of the station ends with its grant; commands do not."""
+        """Apply the lease. With signed messages its ends are bounded by the grant, except for commands (R12.14)."""
         lease = self.lease
         if lease is None:
             return

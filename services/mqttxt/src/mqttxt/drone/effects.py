@@ -1,4 +1,4 @@
-"""What a UAV client asks of the world beside what every role does: of its autopilot, its journal and its store."""
+"""The effects that only a UAV client has: on its autopilot, its journal, its store of readings and its logs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .mavlink.sources import Source
 class Transmit:
     """Write a MAVLink message to the autopilot, unless the session clock reads past `not_after_ms`.
 
-    The runner checks the clock immediately before the write and reports `on_transmitted` with the clock's
-    reading after it, or `on_refused`. `source`: in whose name.
+    The runner checks the clock immediately before the write. With a `ref` it reports `on_transmitted`, with the clock's
+    reading after the write, or `on_refused`. `source`: the sender that the message names.
     """
 
     message: Any
@@ -32,8 +32,8 @@ class Transmit:
 class Journal:
     """Record durably, before the next effect, that a command is open or what its last word was.
 
-    `word` None opens the id: `on_journalled` follows, or `on_not_journalled` where the disk did not take it. A last
-    word is published whether or not the disk took it. `done`: it was delivered.
+    `word` None opens the id: `on_journalled` follows, or `on_not_journalled` if the write failed. A last word is
+    published even if its write failed. `done`: it was delivered.
     """
 
     id: CommandId
@@ -57,7 +57,7 @@ class StoreReading:
 
 @dataclass(frozen=True)
 class LoadReadings:
-    """Load at most `most` stored readings behind the place `after`, oldest first; `on_loaded` follows."""
+    """Load at most `most` stored readings after the place `after`, oldest first; `on_loaded` follows."""
 
     after: int
     most: int
@@ -65,7 +65,7 @@ class LoadReadings:
 
 @dataclass(frozen=True)
 class ForgetReadings:
-    """Remove readings from the store: others have them."""
+    """Remove readings from the store, because they were delivered."""
 
     keys: tuple[ReadingKey, ...]
 
@@ -80,7 +80,7 @@ class Acknowledge:
 
 @dataclass(frozen=True)
 class Led:
-    """A connection of several leads to the activator: `proof` came by it, which comes by each that does."""
+    """The connection `path` leads to the activator: it delivered `proof`, which arrives over each one that does."""
 
     path: str
     proof: Hashable

@@ -9,15 +9,15 @@ from .mavlink.vehicle import Vehicle
 from .options import LONGEST_S, SHORTEST_S
 
 ENOUGH_PCT = 3
-"""What has to drain before a measurement counts: autopilots report whole percents."""
+"""How much has to drain before a measurement counts: autopilots report whole percents."""
 _IN_AIR = (Landed.IN_AIR, Landed.TAKEOFF, Landed.LANDING)
 
 
 class EnduranceMeter:
     """Makes the state `endurance` of one drone, once endurance and cruise speed are known.
 
-    What it measures is not above the truth: only time in the air counts, but all that drains, and up to the last
-    message before a percent was gone.
+    The measurement never exceeds the truth: it divides the time in the air, up to the last message before the percent
+    dropped, by all that drained, in the air or not.
     """
 
     def __init__(self, vehicle: Vehicle, configured_s: int | None = None) -> None:
@@ -31,7 +31,7 @@ class EnduranceMeter:
         self._told: Endurance | None = None
 
     def on_message(self, message: Any, now_ms: int) -> Endurance | None:
-        """Take in a message, after the vehicle has; the state if it is another one now."""
+        """Take in a message, after the vehicle; returns the state if it has changed."""
         kind = message.get_type()
         if kind == "BATTERY_STATUS" and self._configured_s is None:
             self._on_battery(now_ms)

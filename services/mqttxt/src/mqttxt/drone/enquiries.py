@@ -1,6 +1,6 @@
-"""Asks the autopilot for messages that it does not send by itself, and again when it no longer does.
+"""Requests the messages that the autopilot does not send, and requests them again when they stop.
 
-An ArduPilot sends next to nothing unasked, and forgets after a restart what it was asked for.
+ArduPilot sends next to nothing without a request, and a restart makes it forget the requests.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from .mavlink.vehicle import SOURCES, Vehicle
 
 PATIENCE_MS = 3000
 SILENT_MS = 10_000
-"""How long a message may stay away before it is asked for again; PX4 sends the slowest every two seconds."""
+"""How long a message may stay away before it is requested again; PX4 sends the slowest every two seconds."""
 _GAP_MS = (0, 1000, 2000, 5000, 10_000, 30_000)
-"""Pauses between the askings for one thing; the last one repeats."""
+"""Pauses between requests for the same thing; the last one repeats."""
 
 _MESSAGES = {"home": mavlink.MAVLINK_MSG_ID_HOME_POSITION, "version": mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION}
-"""What is asked for one by one."""
+"""Messages that are requested singly."""
 _GPS_HZ = (mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, 1)
 _RATES_HZ = {
     "battery": (mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 0.5),
@@ -35,9 +35,9 @@ _RATES_HZ = {
 
 
 class Enquiries:
-    """What was asked when; streams are waited for in the first `PATIENCE_MS` of an autopilot's life.
+    """The requests to one autopilot. After its first heartbeat it has `PATIENCE_MS` to send streams unasked.
 
-    Home is asked for at once: it comes every two seconds, and no drone takes off without it.
+    Home is requested at once: PX4 sends it every two seconds, and no drone takes off without it.
     """
 
     def __init__(self, vehicle: Vehicle, all_states: bool = False) -> None:
@@ -73,13 +73,13 @@ class Enquiries:
         return [self._question(name) for name in missing if self._is_due(name, now_ms)]
 
     def _unwanted(self) -> list[str]:
-        """What is not asked for: a plan's progress until somebody has asked for the plan."""
+        """Streams not to request: a plan's progress, until a station has asked for the plan."""
         known = self._vehicle.mission.hashes
         tells = PlanList.FENCE in known and self._vehicle.autopilot.tells_of_fence
         return [name for name, is_wanted in (("mission", bool(known)), ("fence", tells)) if not is_wanted]
 
     def _missing_parameters(self) -> list[str]:
-        """What no stream carries."""
+        """The needed parameters, which no stream carries."""
         autopilot = self._vehicle.autopilot
         speeds = [] if self._vehicle.seen(MaxGroundspeed) else [*autopilot.max_speed]
         return speeds + ([] if self._vehicle.cruise_m_s is not None else [*autopilot.cruise_speed])

@@ -1,8 +1,8 @@
 """Executes commands on one autopilot over MAVLink, each within its deadline and to its one last word.
 
-COMMAND_ACK carries only the command's number and whom it answers. So at most one command of a MAV_CMD is open in one
-name at a time, and a number whose acknowledgement may still be under way is left alone until it came or three seconds
-have passed. What halts waits for none: it has a name that no other open command has, while there are any.
+COMMAND_ACK carries only the command's number and the component that it answers. So at most one command of a MAV_CMD is
+open per sender component, and a number whose acknowledgement may still be under way rests until that arrives or three
+seconds have passed. Hold and pause never wait: they use a component that no other open command uses, if one is free.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ SENDS = 4
 RESEND_MS = 500
 """MAVLink's command protocol: repeated until acknowledged; the counts are MAVSDK's."""
 ONCE_MS = 3000
-"""How long what is never repeated may stay without an acknowledgement."""
+"""How long a command that is never repeated may stay without an acknowledgement."""
 
 
 class Executor:
@@ -79,7 +79,7 @@ class Executor:
     def start(
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
     ) -> list[Output]:
-        """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
+        """Begin an admitted command; its first write may have to wait until its MAV_CMD is free."""
         out = self.logs.give_way(now_ms)
         reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
         if reason is not None:
@@ -103,7 +103,7 @@ class Executor:
         return out + self._go_on(run, now_ms) + self._pilot.set_points(now_ms)
 
     def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
-        """The write happened; the clock read `now_ms` after it. Its acknowledgement is waited for from then on."""
+        """The command was written; the clock read `now_ms` after it. The wait for its acknowledgement begins."""
         run = self._runs.find(command_id)
         if self.plans.owns(command_id):
             if run is not None:
@@ -119,7 +119,7 @@ class Executor:
         return []
 
     def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
-        """The runner did not write: past the deadline (`late`), or the autopilot's link took nothing."""
+        """The runner did not write: past the deadline (`late`), or because the autopilot's link refused it."""
         if self.plans.owns(command_id):
             return self.plans.on_refused(command_id, late, now_ms)
         if self._settings.owns(command_id):
@@ -134,7 +134,7 @@ class Executor:
         return [self._runs.end(run, Word.EXPIRED)] if late else []
 
     def on_message(self, message: Any, now_ms: int) -> list[Output]:
-        """A message of the autopilot, after `vehicle` has taken it in."""
+        """A message of the autopilot, after `vehicle` was updated by it."""
         if message.get_type() == "COMMAND_ACK":
             return self._acknowledgements.on_ack(message, now_ms)
         out = self.plans.on_message(message, now_ms) + self._settings.on_message(message, now_ms)
@@ -143,7 +143,7 @@ class Executor:
         return out + self._observe(now_ms) + self._takeoffs.undo(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
-        """Deadlines, retransmissions and limits; to be called at least ten times a second."""
+        """Deadlines, retransmissions and limits. Call it at least ten times per second."""
         out = self._acknowledgements.explained(now_ms)
         out += self._settings.tick(now_ms) + self.parameters.tick(now_ms) + self.logs.tick(now_ms)
         for run in self._runs:
@@ -158,11 +158,11 @@ class Executor:
                 out += self._pilot.stop(run, *over, now_ms) if over is not None else []
             elif now_ms >= run.started_ms + run.limit_ms:
                 out.append(self._time_out(run, now_ms))
-        out += self.plans.tick(now_ms, [run.id for run in self._runs])  # behind the starts that are over
+        out += self.plans.tick(now_ms, [run.id for run in self._runs])  # last: starts may have ended above
         return out + self._observe(now_ms) + self._takeoffs.undo(now_ms) + self._pilot.set_points(now_ms)
 
     def ask(self, message: Any, now_ms: int) -> list[Output]:
-        """Write a question of our own, unless a command waits for an acknowledgement of the same number."""
+        """Write the client's own request, unless a command waits for an acknowledgement of the same number."""
         if message.get_type() == "COMMAND_LONG":
             if self._runs.awaiting((message.command, Source.COMPANION)) is not None:
                 return []
@@ -170,18 +170,18 @@ class Executor:
         return [Transmit(message)]
 
     def leave(self) -> list[Output]:
-        """The process is about to end: what must not go on without it is stopped."""
+        """Before the process ends, stop what must not go on without it: offboard commands."""
         return self._pilot.leave()
 
     def _plan(self, command: Command, now_ms: int) -> Plan:
-        """A command's MAVLink message and effect; raises CannotExecute where the autopilot's last state forbids it."""
+        """A command's MAVLink message and effect. Raises CannotExecute if the autopilot's last state forbids it."""
         if not self.vehicle.is_alive(now_ms):
             raise CannotExecute("no_autopilot")
         if isinstance(command, Stream):
             return self.streams.plan(command, now_ms)
         if isinstance(command, Mavlink):
             return plan_raw(command, self.vehicle, self._limits)
-        if isinstance(command, Pause) and self._runs.has_mission():  # which no heartbeat may show yet
+        if isinstance(command, Pause) and self._runs.has_mission():  # heartbeats may not show the mission yet
             command = Hold()
         check(command, self.vehicle, now_ms)
         return self.vehicle.autopilot.plan(command, self.vehicle, now_ms)
@@ -194,7 +194,7 @@ class Executor:
         return self._give_up(run, Word.FAILED, "timeout", now_ms)
 
     def _give_up(self, run: Run, word: Word, reason: str, now_ms: int) -> Said:
-        """End a command that is under way and has not shown its effect."""
+        """End a command that is under way without its effect."""
         if isinstance(run.command, Stream):
             self.streams.drop(run.command.state)
         if run.phase is Phase.SENT:
@@ -205,13 +205,13 @@ class Executor:
         if now_ms > run.deadline_ms:
             return [self._runs.end(run, Word.EXPIRED)]
         try:
-            run.plan = self._plan(run.command, now_ms)  # what has become of the autopilot meanwhile counts
+            run.plan = self._plan(run.command, now_ms)  # the autopilot's state may have changed
         except CannotExecute as error:
             return [self._runs.end(run, Word.DENIED, str(error))]
         return self._go_on(run, now_ms)
 
     def _go_on(self, run: Run, now_ms: int) -> list[Output]:
-        """The next step of a command that was planned just now and is not sent yet."""
+        """The next step of a command that is not sent yet and was planned just now."""
         if self._preparer.is_taken_over(run):
             return [self._runs.end(run, Word.FAILED, "mode_changed")]
         if run.phase is Phase.WAITING:
@@ -242,7 +242,7 @@ class Executor:
         return self._send(run, now_ms)
 
     def _begin_unsaid(self, run: Run, now_ms: int) -> list[Output]:
-        """A command that needs no write runs as soon as no older one of its kind can be acknowledged after it."""
+        """Run a command that needs no write, once no older one of its group awaits an acknowledgement."""
         if any(older.phase is Phase.SENT for older in self._runs.older(run)):
             return []
         _, *superseded = self._acknowledgements.accept(run, now_ms)
@@ -279,7 +279,7 @@ class Executor:
         return [self._runs.end(run, Word.UNCONFIRMED, reason)]
 
     def _may_repeat(self, run: Run, now_ms: int) -> bool:
-        """Whether what allowed the first copy still does."""
+        """Whether the conditions of the first write still hold."""
         try:
             planned = self._plan(run.command, now_ms)
         except CannotExecute:
@@ -305,7 +305,7 @@ class Executor:
         return [self._runs.end(run, Word.FAILED, reason)] if reason is not None else []
 
     def _observe_run(self, run: Run, now_ms: int) -> list[Output]:
-        """The last word where the effect shows, or cannot any more; what an autopilot says is of its own start."""
+        """The last word if the effect was observed, or cannot be any more, as after the autopilot's restart."""
         lost = "autopilot_restarted" if self.vehicle.boots.restarts != run.restarts else None
         lost = lost or ("autopilot_lost" if self.vehicle.is_lost(now_ms) else None)
         if lost is not None:

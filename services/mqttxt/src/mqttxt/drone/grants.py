@@ -1,21 +1,21 @@
-"""What ground stations have granted themselves at this drone: an activator can give less, never more (R12.14)."""
+"""The grants that ground stations signed for this drone: an activator can shorten them, never extend them (R12.14)."""
 
 from __future__ import annotations
 
 from ..protocol.control import Grant
 
 MOST_GRANTS = 64
-"""Of stations' sessions, the newest."""
+"""Sessions of stations whose grants are kept, the newest."""
 
 
 class Grants:
-    """For each station and session the latest end of its control that it has signed, in the drone's clock."""
+    """The latest ends of control that each station's session has signed, in ms of the drone's clock."""
 
     def __init__(self) -> None:
         self._until_ms: dict[tuple[str | None, int | None], tuple[int, int]] = {}
 
     def take(self, station: str, grant: Grant) -> None:
-        """Keep the ends of a station's grant where they are later than those before: an old one changes nothing."""
+        """Keep the ends of a station's grant if later than the known ones: an old grant changes nothing."""
         until_ms, offboard_ms = self._until_ms.pop((station, grant.gs_session), (0, 0))
         ends = max(until_ms, grant.until_ms), max(offboard_ms, grant.offboard_until_ms or 0)
         self._until_ms[station, grant.gs_session] = ends
@@ -25,7 +25,7 @@ class Grants:
     def bound(
         self, station: str | None, gs_session: int | None, until_ms: int | None, offboard_ms: int | None
     ) -> tuple[int | None, int | None]:
-        """The ends of a lease and of what it allows to an offboard command, where the station has granted them."""
+        """The ends of a lease and of its offboard commands, each at most the granted one; None without a grant."""
         granted = self._until_ms.get((station, gs_session))
         if granted is None:
             return None, None

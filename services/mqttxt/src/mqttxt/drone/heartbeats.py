@@ -1,4 +1,4 @@
-"""The heartbeats that the autopilot hears, each second: the UAV client's own, and the station's while it controls."""
+"""The heartbeats sent to the autopilot every second: the UAV client's own, and a station's while one is in control."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ INTERVAL_MS = 1000
 
 
 class Heartbeats:
-    """When the next are due, in milliseconds of the session clock."""
+    """When the next heartbeats are due, in ms of the session clock."""
 
     def __init__(self) -> None:
         self._next_ms = 0
 
     def due(self, now_ms: int, is_controlled: bool) -> list[Transmit]:
-        """What leaves now; `is_controlled`: an autopilot that loses a station's heartbeats has lost its station."""
+        """The heartbeats to send now. Without `is_controlled` the station's stop, so the autopilot detects its loss."""
         if now_ms < self._next_ms:
             return []
         self._next_ms = now_ms + INTERVAL_MS

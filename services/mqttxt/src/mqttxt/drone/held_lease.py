@@ -1,4 +1,4 @@
-"""The control lease that a drone's commands go by."""
+"""The control lease of a drone."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass
 class HeldLease:
-    """Until when the station with `holder_session` controls the drone, and may let an offboard command go on.
+    """The ends of the control that the station with `holder_session` has, and of its offboard commands.
 
-    Both in the session clock, None while there is no lease.
+    Both are ms of the session clock, None without a lease.
     """
 
     until_ms: int | None = None

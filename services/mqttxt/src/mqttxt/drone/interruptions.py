@@ -10,13 +10,13 @@ from .runs import Phase, Run, Runs
 
 _IN_THE_AIR = (Takeoff, Goto, Offboard, StartMission, Resume)
 MODE_GRACE_MS = 3000
-"""How long a mode that may last while the change is under way, or is a passing one, may show."""
+"""How long another mode than the command's may show: an earlier one, or one that it passes through."""
 SETTLED_MS = 200
-"""How old an acceptance is when the heartbeats that come from then on are newer than the change of mode."""
+"""The age of an acceptance from which on heartbeats are newer than its change of mode."""
 
 
 def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | None:
-    """Why a running command can no longer have its effect, None while it can."""
+    """The reason why a running command can no longer have its effect, None while it can."""
     if run.plan.modes is None or any(r.phase is Phase.SENT and r.is_of_group(run) for r in runs):
         return None
     may_land = isinstance(run.command, StartMission | Resume) and vehicle.mission.is_landing
@@ -39,9 +39,9 @@ def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | No
 
 
 def is_taken_over(run: Run, vehicle: Vehicle) -> bool:
-    """Whether a heartbeat since the write of a command that is not acknowledged shows that somebody changed the mode.
+    """Whether a heartbeat since the write of an unacknowledged command shows that somebody changed the mode.
 
-    It shows a mode that is neither the command's own nor that of a write, or the latter after the command's own.
+    Such a heartbeat shows a mode that is neither the command's own nor that of a write, or the latter after the former.
     """
     told = vehicle.seen(FlightMode, run.sent_number)
     if run.plan.modes is None or told is None:
@@ -53,15 +53,15 @@ def is_taken_over(run: Run, vehicle: Vehicle) -> bool:
 
 
 def modes_shown(vehicle: Vehicle) -> frozenset[FlightModeName]:
-    """The autopilot's mode by its newest heartbeat; none where none came."""
+    """The autopilot's mode by its newest heartbeat; empty without one."""
     told = vehicle.seen(FlightMode)
     return frozenset() if told is None else frozenset({told.mode})
 
 
 def _may_last(run: Run, vehicle: Vehicle, mode: FlightModeName) -> bool:
-    """Whether a mode that is not the command's own may be the autopilot's, for a while.
+    """Whether the autopilot may be in a mode other than the command's, for a while.
 
-    Either the autopilot has gone on to it, because the effect is about to show, or it is still in a mode of before.
+    Either the autopilot has passed on to it because the effect is near, or it is still in an earlier mode.
     """
     near = run.plan.near
     if mode in run.plan.passing and (near is None or near(vehicle, run.accepted_number)):

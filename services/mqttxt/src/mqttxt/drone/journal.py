@@ -1,10 +1,10 @@
-"""The UAV client's journal: which commands were open, and which last words nobody has acknowledged yet.
+"""The UAV client's journal: which commands were open, and their last words, delivered or not.
 
-One JSON object a line, which the front or the disk has before the command's first write to the autopilot. It keeps no
-command from being executed (its session does that); it lets a restarted client say what became of the open ones.
+One JSON object per line, which the front or the disk has before the command's first write to the autopilot. It prevents
+no second execution (the session does); it lets a restarted client report the outcome of open commands.
 
-What a failed write or sync left in the file is not known: part of a line may be there, and a later sync that
-succeeds says nothing of what an earlier one lost. So the next record then writes the file anew.
+After a failed write or sync the file's contents are unknown: part of a line may be there, and a later sync that
+succeeds does not show what an earlier one lost. So the next record writes the file anew.
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ from .journal_front import Front
 logger = logging.getLogger("mqttxt.journal")
 
 MOST_DELIVERED = 500
-"""Last words that are kept although they were delivered; far more than ten minutes of them."""
+"""The number of delivered last words that are kept; far more than ten minutes of them."""
 MOST_OUTDATED = 1000
-"""Lines that later ones have made useless, beyond which the file is written anew."""
+"""The number of outdated lines above which the file is written anew."""
 ASKED_FOR_S = 25 * 3600
-"""Longer than anybody asks for an id: a minute until its deadline, a day's limit, ten minutes in ledgers."""
+"""Longer than an id can be queried: a minute until its deadline, a day's limit, ten minutes in ledgers."""
 GAP = "gap_s"
-"""The only field of the line that says so."""
+"""The only field of the line that gives a gap's age."""
 FRONT = "front"
-"""The only field of the line that names the front: what this journal lacks may be there."""
+"""The only field of the line that names the front, which may have records that this journal lacks."""
 GAP_NOTED_S = 60
-"""How much older a gap is when that is written down, with the next record."""
+"""How much a gap has to age before its age is written again, with the next record."""
 _LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
 class JournalFile:
-    """The journal at `path`. `has_gap`: of an id that is not in it nothing is known, because it began without one of
-    the sessions before, or with one that could not be read as a whole.
+    """The journal at `path`. `has_gap`: the outcome of an id that is not in it is unknown, because the journal of the
+    earlier sessions was missing or could not be read as a whole.
 
-    A gap ends when its clients have run for longer than an id is asked for: `clock_s` counts that, from record to
-    record. A disk that is full or fails does not end the client: `record` raises OSError until there is room again.
-    Raises ConfigurationError for a path that no journal can have, and for the journal of another process: that one
-    would go on writing to a file that this one has replaced.
+    A gap ends when clients have run for longer than an id can be queried: `clock_s` counts that, from record to
+    record. A disk that is full or fails does not end the client: `record` raises OSError until a write succeeds again.
+    Raises ConfigurationError for a path that no journal can have, and for the journal of another running process: that
+    one would go on writing to a file that this one has replaced.
 
-    `with_front`: a front may have records before the disk does. It is there where the disk has its name.
+    `with_front`: use a front, which may have records before the disk does, if the disk takes its name.
     """
 
     def __init__(self, path: Path, clock_s: Callable[[], float] = time.monotonic, *, with_front: bool = False) -> None:
@@ -64,10 +64,10 @@ class JournalFile:
         self._clock_s = clock_s
         self.front = Front.create() if with_front else None
         self._left_front: str | None = None
-        """The front of an earlier client that did not end by itself."""
+        """The front of an earlier client that did not end cleanly."""
         self._began_s = clock_s()
         self._gap_s: float | None = 0.0
-        """For how long clients had run since the gap, when this one began; None without a gap."""
+        """How long clients had run since the gap when this one began, s; None without a gap."""
         self._noted_s = 0.0
         self._open: dict[CommandId, Unfinished] = {}
         self._delivered: dict[CommandId, Unfinished] = {}
@@ -100,13 +100,13 @@ class JournalFile:
 
     @property
     def unfinished(self) -> list[Unfinished]:
-        """What the sessions before this one left, and what this one added: the ids not delivered, then the others."""
+        """All records, also of earlier sessions: first the ids without a delivered last word."""
         return [*self._open.values(), *self._delivered.values()]
 
     def record(self, effect: Journal, is_begun: bool = False) -> None:
-        """Write one record and wait until it is on the disk; raises OSError, and an opening then never was.
+        """Write one record and wait until it is on the disk. Raises OSError, and then forgets an opening.
 
-        An opening that `is_begun` is in the front, and stays for the disk to take with a later record.
+        An opening that `is_begun` is in the front. It is not forgotten, and the disk takes it with a later record.
         """
         self._take(Unfinished(effect.id, effect.command, effect.word, effect.reason), effect.done)
         try:
@@ -126,7 +126,7 @@ class JournalFile:
             self._make_smaller()
 
     def close(self) -> None:
-        """End the journal. Where the disk has all that the front had, it names no front any more."""
+        """Close the journal. It no longer names the front, unless the disk failed to take the front's records."""
         if self.front is not None:
             self._end_front()
         self._close_file()
@@ -150,7 +150,7 @@ class JournalFile:
         front.close()
 
     def _drop_front(self) -> None:
-        """Do without one: the disk does not have its name."""
+        """Go on without a front, because the disk does not have its name."""
         if self.front is not None:
             self.front.close()
             journal_front.remove(self.front.name)
@@ -164,7 +164,7 @@ class JournalFile:
         self._lines += len(lines)
 
     def _gap_lines(self, older_s: float) -> list[bytes]:
-        """How old the gap is by now, where there is one and it is `older_s` older than was noted."""
+        """A line with the gap's age, if a gap has aged `older_s` since the last such line."""
         if self._gap_s is None:
             return []
         age_s = self._gap_s + self._clock_s() - self._began_s
@@ -174,7 +174,7 @@ class JournalFile:
         return [json.dumps({GAP: int(age_s)}).encode("ascii") + b"\n"]
 
     def _failed(self, error: OSError) -> None:
-        """What the file has now is not known; say so once, until a record is written."""
+        """Close the file, whose contents are now unknown; log the first failure after a success."""
         if not self._is_failing:
             self._is_failing = True
             what = error.strerror or error
@@ -183,7 +183,7 @@ class JournalFile:
         self._close_file()
 
     def _make_smaller(self) -> None:
-        """Leave out what later lines made useless; where that fails, the file stays, or is written anew next time."""
+        """Drop outdated lines. If that fails, the file stays as it is, or the next record writes it anew."""
         try:
             self._write_anew()
         except OSError as error:
@@ -191,7 +191,7 @@ class JournalFile:
             self._lines = 0
 
     def _write_anew(self) -> None:
-        """Replace the file by one with what may still be asked for; at any moment one of the two is whole."""
+        """Replace the file by one with the records that may still be queried; one of the two is whole at any time."""
         fresh = self._path.with_name(f"{self._path.name}.new")
         lines = self._gap_lines(0)
         if self.front is not None:
@@ -216,9 +216,9 @@ class JournalFile:
             self._left_front = None
 
     def _take(self, left: Unfinished, done: bool) -> None:
-        """What a record changes. An id that is done stays known without its word too: it was started.
+        """Take a record in. An id that is done stays known even without its word: it was started.
 
-        An opening of an id that is known is the front's, which the disk had already.
+        An opening of a known id is the front's copy of a record on the disk, and changes nothing.
         """
         known = self._open.pop(left.id, None) or self._delivered.pop(left.id, None)
         if known is not None and not done and left.word is None:
@@ -232,7 +232,7 @@ class JournalFile:
             del self._delivered[next(iter(self._delivered))]
 
     def _read(self) -> float | None:
-        """The age of the gap in seconds, None where nothing is missing."""
+        """The age of the gap in seconds, None without a gap."""
         gap_s, is_readable = self._read_lines(self._path.read_text(encoding="ascii", errors="replace"))
         if self._left_front is not None:
             found = journal_front.read(self._left_front)
@@ -242,10 +242,10 @@ class JournalFile:
         return gap_s if gap_s is None or gap_s < ASKED_FOR_S else None
 
     def _read_lines(self, text: str) -> tuple[float | None, bool]:
-        """The age of a gap that it names, and whether all can be read. A line that cannot is left out.
+        """The age of the gap that the text names, and whether all of it is readable. Unreadable lines are left out.
 
-        Nothing is missing where that is the last one and has no end: it was being written when the power went, and what
-        it says was not begun.
+        An unreadable last line without an end is no gap: it was being written when the power failed, and its command
+        was not begun.
         """
         gap_s, is_readable = None, True
         lines = text.split("\n")
@@ -273,13 +273,13 @@ def _age_s(plain: Any) -> int:
 
 
 def _lock(path: Path) -> int | None:
-    """Keep a journal from other processes for as long as the result is open; None where the disk has no lock to give.
+    """Lock a journal for as long as the returned file descriptor is open; None if the file system gives no lock.
 
-    Raises ConfigurationError where another one has it. The lock is a file of its own: the journal's is replaced.
+    Raises ConfigurationError if another process has it. The lock is a separate file, because the journal's is replaced.
     """
     try:
         file = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError:  # as of a full disk; whatever else is wrong with the path shows at the journal's own file
+    except OSError:  # as on a full disk; any other fault of the path shows at the journal's own file
         return None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -294,7 +294,7 @@ def _lock(path: Path) -> int | None:
 
 
 def line_of(effect: Journal) -> bytes:
-    """A record as the journal has it."""
+    """A record as a line of the journal."""
     record = {
         "gs_session": effect.id.gs_session,
         "seq": effect.id.seq,
@@ -307,7 +307,7 @@ def line_of(effect: Journal) -> bytes:
 
 
 def _restored(record: Any) -> tuple[Unfinished, bool]:
-    """One record, and whether it is done; raises one of several errors for what `_line` would not have written."""
+    """One record, and whether it is done. Raises one of several errors for one that `line_of` does not write."""
     command_id = CommandId(record["gs_session"], record["seq"])
     word = _LAST_WORDS[record["word"]] if record["word"] is not None else None
     left = Unfinished(command_id, record["command"], word, record["reason"])

@@ -1,8 +1,8 @@
 """The journal's front: records in memory that outlive the UAV client's process, for the time until a disk has them.
 
-A disk may take seconds for a record: an SD card that erases a block, a full queue of other programs' writes. The front
-takes it at once. It is a file in a file system in memory, so it is lost with the machine's power, and the journal says
-on the disk that there is one: a front that is missing then is a gap.
+A disk may take seconds for a record: an SD card erases a block, or other programs' writes fill the queue. The front
+takes it at once. It is a file in a file system in memory, which a loss of power erases. The journal on the disk names
+it, so that a missing front is recognised as a gap.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _NAME = re.compile(r"mqttxt-[0-9a-f-]{36}-[0-9a-f]{16}")
 
 
 class Front:
-    """The front of one run, `name` in the folder. The name has the machine's boot: another boot leaves it alone.
+    """The front of one run, `name` in the folder. The name has the machine's boot id: other boots do not use it.
 
-    Raises OSError where there is no such folder, or no room in it.
+    Raises OSError if the folder does not exist or has no room.
     """
 
     def __init__(self) -> None:
@@ -35,14 +35,14 @@ class Front:
 
     @classmethod
     def create(cls) -> Self | None:
-        """A new one; None where the machine has no place for it."""
+        """A new front; None if the machine has no place for it."""
         try:
             return cls()
         except OSError:
             return None
 
     def append(self, line: bytes) -> None:
-        """Take a record; raises OSError, and the front is then as if it had not been asked."""
+        """Append a record. Raises OSError, and then leaves the front as it was."""
         size = os.fstat(self._file).st_size
         try:
             write_all(self._file, line)
@@ -51,7 +51,7 @@ class Front:
             raise
 
     def clear(self) -> None:
-        """Forget all records, because the disk has them."""
+        """Remove all records, because the disk has them."""
         os.ftruncate(self._file, 0)
 
     def close(self) -> None:
@@ -59,7 +59,7 @@ class Front:
 
 
 def read(name: str) -> str | None:
-    """What the front of that name has; None where there is none of this boot and this user."""
+    """The contents of the front `name`; None if this boot and this user have no such front."""
     if _NAME.fullmatch(name) is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Keeps the journal without the event loop waiting for a disk, and no command either where the front has its record."""
+"""Keeps the journal: the event loop never waits for the disk, nor does a command whose record is in the front."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _OVERRIDING = frozenset(command.name for command in OVERRIDING)
 class JournalKeeper:
     """Passes records to `file` in their order, on a thread of its own.
 
-    `on_disk` is called once for each opening that the front did not take: whether the disk has it. `on_error` is
-    called for each record that the disk did not take. While it takes none, only commands that override others (hold,
-    land, return) are opened with the front alone.
+    `on_disk` is called once for each opening that the front did not take, with whether the disk took it. `on_error` is
+    called for each record that the disk did not take. While the disk fails, only hold, land and return are opened with
+    the front alone.
     """
 
     def __init__(
@@ -41,10 +41,10 @@ class JournalKeeper:
         self._has_ended = False
 
     def record(self, effect: Journal) -> bool:
-        """Keep one record; whether it is an opening that the front has. To be called on the event loop.
+        """Keep one record; returns whether it is an opening that the front has. Call it on the event loop.
 
-        The thread is woken at the end of this turn of the loop, behind what is written to the autopilot in it: awake,
-        it would take turns with that.
+        The thread is woken at the end of this turn of the loop, after its writes to the autopilot, with which it would
+        compete.
         """
         is_begun = self._front_takes(effect) and effect.is_opening
         self._waiting += 1
@@ -59,7 +59,7 @@ class JournalKeeper:
             on_disk.add_done_callback(partial(self._tried, effect, is_begun))
 
     async def close(self) -> None:
-        """Wait until the disk has been asked for every record, and end the journal. Nothing is opened any more."""
+        """Wait until every record was tried on the disk, and close the journal. No command is opened any more."""
         self._has_ended = True
         self._hand_over()
         await asyncio.to_thread(self._thread.shutdown)
@@ -69,7 +69,7 @@ class JournalKeeper:
         front = self._file.front
         if front is None or (effect.is_opening and self._is_failing and effect.command not in _OVERRIDING):
             return False
-        with contextlib.suppress(OSError):  # the front has no room: then it is for the disk to take it
+        with contextlib.suppress(OSError):  # the front has no room: the disk has to take the record
             front.append(line_of(effect))
             return True
         return False

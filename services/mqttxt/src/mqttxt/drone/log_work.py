@@ -1,6 +1,6 @@
-"""What is asked of the folder of logs, and what comes of it.
+"""Requests to the folder of logs, and their results.
 
-`turn` is the reader's own number of what it asked for, so that an answer to what was given up is known as such.
+`turn` is the reader's number of a request, by which it recognises the result of one that it has given up.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from ..protocol.logs import FlightLog
 from .mavlink.log_protocol import DATA_BYTES
 
 BLOCK_BYTES = 728 * DATA_BYTES
-"""What is written at a time, and is on the disk before more is read."""
+"""How much is written at a time. It is on the disk before more is read."""
 TAIL_BYTES = 10 * DATA_BYTES
-"""The last bytes of a log that was read in part: the autopilot has to give them again before it goes on there."""
+"""How many of a partly read log's last bytes the autopilot has to send again before reading resumes there."""
 
 
 @dataclass(frozen=True)
 class WholeLog:
-    """A log as it is handed on: compressed, `size` bytes with the hash `hash`."""
+    """A log as stations fetch it: compressed, `size` bytes with the hash `hash`."""
 
     hash: bytes
     size: int
@@ -27,7 +27,7 @@ class WholeLog:
 
 @dataclass(frozen=True)
 class OpenLog:
-    """Look what there is of a log, of which `sure` bytes are on the disk; LogOpened follows."""
+    """Look up how much of a log is stored; `sure` bytes are known to be on the disk. LogOpened follows."""
 
     turn: int
     log: FlightLog
@@ -36,7 +36,7 @@ class OpenLog:
 
 @dataclass(frozen=True)
 class WriteLog:
-    """Write bytes of a log at `offset`, with nothing behind them; LogWritten follows once they are on the disk."""
+    """Write bytes of a log at `offset`, and end the file there; LogWritten follows once they are on the disk."""
 
     turn: int
     log: FlightLog
@@ -46,7 +46,7 @@ class WriteLog:
 
 @dataclass(frozen=True)
 class FinishLog:
-    """Make the log that is handed on of one that is there as a whole; LogFinished follows."""
+    """Compress a log that was read as a whole, for stations to fetch; LogFinished follows."""
 
     turn: int
     log: FlightLog
@@ -54,7 +54,7 @@ class FinishLog:
 
 @dataclass(frozen=True)
 class DropLog:
-    """Remove what was read of a log; nothing follows."""
+    """Remove a partly read log; nothing follows."""
 
     log: FlightLog
 
@@ -74,7 +74,7 @@ LogWork = OpenLog | WriteLog | FinishLog | DropLog | LoadLog
 
 @dataclass(frozen=True)
 class LogOpened:
-    """The first `done` bytes of a log are there, of which `tail` are the last; or the log is `whole`."""
+    """The first `done` bytes of a log are stored, of which `tail` are the last; or the log is `whole`."""
 
     turn: int
     done: int
@@ -91,7 +91,7 @@ class LogWritten:
 
 @dataclass(frozen=True)
 class LogFinished:
-    """The log can be handed on."""
+    """Stations can fetch the log."""
 
     turn: int
     whole: WholeLog
@@ -99,7 +99,7 @@ class LogFinished:
 
 @dataclass(frozen=True)
 class LogFault:
-    """The folder did not take or give a log: `reason` is for the station, `detail` for a person."""
+    """Writing or reading a log failed: `reason` is for the station, `detail` for the UAV client's log."""
 
     turn: int
     reason: str
@@ -108,7 +108,7 @@ class LogFault:
 
 @dataclass(frozen=True)
 class LogLoaded:
-    """The bytes that `ask` asked for, of a log of `size` bytes; None where that is not there any more."""
+    """The bytes that `ask` requested, of a log of `size` bytes; None if the log no longer exists."""
 
     ask: BulkAsk
     get: Get

@@ -1,8 +1,8 @@
-"""Offboard: set-points streamed on the drone itself, from before the mode changes to when it has changed back.
+"""Offboard: set-points streamed on the drone itself, from before the mode changes until it has changed back.
 
-They end safely, by commanding hold and braking until a heartbeat shows another mode, at the end of the
-duration, when the control lease ends, and past the limit. Another mode that was not asked for is a pilot's: the
-set-points stop at once, and nothing is commanded.
+They end at the end of the duration, when the control lease ends, and at the limit: hold is commanded, and the
+set-points brake until a heartbeat shows another mode. A mode that was not commanded is a pilot's: the set-points stop
+at once, and nothing is commanded.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from .mavlink.vehicle import Vehicle
 from .runs import Output, Phase, Run, Runs
 
 SET_POINT_MS = 50
-"""20 Hz, as MAVSDK does; PX4 leaves the mode when none came for COM_OF_LOSS_T (1 s)."""
+"""20 Hz, as in MAVSDK; PX4 leaves the mode after COM_OF_LOSS_T (1 s) without set-points."""
 EARLY_MS = 10
-"""A tick of that period may come a little before a set-point is due; waiting for the next would halve the rate."""
+"""How early a set-point may be written: a tick may come just before it is due, and the next would halve the rate."""
 LEASE_MS = 3000
-"""How long set-points go on without a newer lease; at the start, until there was time for one."""
+"""How long after the start set-points go on without a newer lease."""
 STOP_MS = 3000
-"""How long to wait for the mode to change back before the set-points stop all the same."""
+"""How long to wait for the mode to change back before the set-points stop in any case."""
 HOLD_AGAIN_MS = 500
 
 
 @dataclass
 class Ending:
-    """The last word of a run that is being stopped, given when the mode has changed back."""
+    """The last word of a stopping run, given once a message after number `after` shows another mode."""
 
     word: Word
     reason: str | None
@@ -63,7 +63,7 @@ class OffboardPilot:
         self._flights: dict[Run, Flight] = {}
 
     def refusal(self, gs_session: int, now_ms: int) -> str | None:
-        """Why an offboard command of a station is not started now, None where it may be."""
+        """Why a station's offboard command must not start now, None if it may."""
         if not self._has_control(gs_session, now_ms):
             return "no_lease"
         own = any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards())
@@ -72,13 +72,13 @@ class OffboardPilot:
         return None
 
     def needs_priming(self, run: Run) -> bool:
-        """Whether set-points have to come first: not where those of an older command are streamed already."""
+        """Whether set-points must precede the mode: not while those of an older command are already streamed."""
         return self._vehicle.autopilot.priming > 0 and not any(
             other.phase in (Phase.SENT, Phase.RUNNING) for other in self._offboards() if other is not run
         )
 
     def begin(self, run: Run, now_ms: int) -> None:
-        """The first set-point is due at once."""
+        """Start the run's set-points; the first is due at once."""
         assert isinstance(run.command, Offboard)
         self._flights.setdefault(run, Flight(run.command, now_ms))
 
@@ -87,7 +87,7 @@ class OffboardPilot:
         return flight is not None and flight.written >= self._vehicle.autopilot.priming
 
     def over(self, run: Run, now_ms: int) -> tuple[Word, str | None] | None:
-        """The last word that a running flight has earned by now, None while it goes on."""
+        """The last word of a running flight that has to stop now, None while it goes on."""
         assert isinstance(run.command, Offboard)
         if not self._vehicle.is_alive(now_ms):
             return Word.UNCONFIRMED, "autopilot_lost"
@@ -102,7 +102,7 @@ class OffboardPilot:
         return None
 
     def stop(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
-        """Command hold and brake; `word` is given when the mode has changed. A newer flight is not disturbed."""
+        """Command hold and brake; `word` is given once the mode has changed. If a newer flight runs, only end `run`."""
         newer = self._runs.newer(run)
         if newer is not None and newer.is_under_way:
             return [self._runs.end(run, word, reason)]
@@ -112,7 +112,7 @@ class OffboardPilot:
         return self.go_on_stopping(run, now_ms)
 
     def go_on_stopping(self, run: Run, now_ms: int) -> list[Output]:
-        """The last word where the mode has changed or waiting was in vain; else hold again, now and then."""
+        """The last word once the mode has changed or after `STOP_MS`; until then hold every `HOLD_AGAIN_MS`."""
         ending = self._flights[run].ending
         assert ending is not None
         told = self._vehicle.seen(FlightMode, ending.after)
@@ -131,16 +131,16 @@ class OffboardPilot:
         return [self._hold()]
 
     def superseded(self, run: Run) -> tuple[Word, str | None]:
-        """The last word of a run whose place a newer flight took."""
+        """The last word of a run that a newer flight superseded."""
         flight = self._flights.get(run)
         if flight is None or flight.ending is None or flight.ending.word is Word.COMPLETED:
             return Word.SUPERSEDED, None
         return flight.ending.word, flight.ending.reason
 
     def set_points(self, now_ms: int) -> list[Output]:
-        """The set-point that is due; a late caller sends one, not those that were missed.
+        """The set-point that is due, if any; missed ones are left out.
 
-        Until the command runs its deadline holds for set-points too.
+        Until the command is accepted, its deadline bounds the set-points too.
         """
         run = self._streaming()
         if run is None or now_ms < self._flights[run].next_ms - EARLY_MS:
@@ -154,7 +154,7 @@ class OffboardPilot:
         return [Transmit(message, None if started else run.deadline_ms)]
 
     def leave(self) -> list[Output]:
-        """The process ends: an autopilot that follows set-points is commanded to hold."""
+        """Command hold before the process ends, if the autopilot may follow its set-points."""
         if any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards()):
             return [self._hold()]
         return []
@@ -164,14 +164,14 @@ class OffboardPilot:
         return Transmit(autopilot.set_mode(self._vehicle, autopilot.hold_mode))
 
     def _has_control(self, gs_session: int, now_ms: int) -> bool:
-        """Whether the control lease lives, and is this station's still."""
+        """Whether the control lease has not ended and is this station's."""
         return self._lease.is_held(now_ms) and self._lease.holder_session in (None, gs_session)
 
     def _offboards(self) -> list[Run]:
         return [run for run in self._runs if isinstance(run.command, Offboard)]
 
     def _streaming(self) -> Run | None:
-        """The oldest flight that has begun: a newer one takes over when it is accepted, and ends the older."""
+        """The oldest flight that has begun. A newer one ends it, and takes over, once it is accepted."""
         if self._flights:
             self._flights = {run: flight for run, flight in self._flights.items() if self._runs.find(run.id) is run}
         return next((run for run in self._flights if run.phase is not Phase.WAITING), None)

@@ -15,11 +15,11 @@ SHORTEST_S, LONGEST_S = 60, 86_400
 
 @dataclass(frozen=True)
 class UavOptions:
-    """`endurance_s`: how long a full battery lasts in flight; None: to be measured. `limits`: of raw MAV_CMDs.
+    """`endurance_s`: how long a full battery lasts in flight; None: it is measured. `limits`: of raw MAV_CMDs.
 
-    `carries_sensors`: the client has a broker for sensors and carries their readings. `all_states`: it publishes those
-    too that are on request (R3.11). `keeps_logs`: it has a folder for the autopilot's logs.
-    Raises ConfigurationError for what cannot be.
+    `carries_sensors`: the client has a broker for sensors and carries their readings. `all_states`: it also publishes
+    the states that are on request (R3.11). `keeps_logs`: it has a folder for the autopilot's logs.
+    Raises ConfigurationError for an invalid value.
     """
 
     endurance_s: int | None = None

@@ -1,4 +1,4 @@
-"""The drone's copy of its autopilot's parameters: read when it is asked for, kept by hash (section 17)."""
+"""The drone's copy of its autopilot's parameters: read on request, and proven by hash (section 17)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .mavlink.vehicle import Vehicle
 from .runs import Output
 
 FRESH_MS = 60_000
-"""How long a set counts as the autopilot's after it was read, where the autopilot gives no hash of it."""
+"""How long a set counts as the autopilot's after it was read, if the autopilot gives no hash of it."""
 SURE_MS = 1000
-"""The same where it does: it is asked for the hash again."""
+"""The same if it gives one, which is then requested again."""
 MOST_GIVEN = 4
-"""The sets that stations were given last: who has one of them is given only what has changed since."""
+"""How many of the newest sets given to stations are kept: a station that has one is given only the changes."""
 
 
 class ParameterCopy:
@@ -30,7 +30,7 @@ class ParameterCopy:
         self._given = [kept] if kept is not None else []
         self._total: int | None = None
         self._proven_ms: int | None = None
-        """When the set was the autopilot's, None while that is not known."""
+        """When the set was last proven to be the autopilot's, if it was."""
         self._is_wanted = False
         self._error: tuple[str, int] | None = None
         self._proof: Exchange | None = None
@@ -43,7 +43,7 @@ class ParameterCopy:
         return self._given[-1] if self._given else None
 
     def fetch(self, now_ms: int, known: bytes | None = None) -> bytes | str | Unchanged | None:
-        """The set, packed, or what is other than in the set `known`; why there is none; None while it is read."""
+        """The set, packed, or its changes since the set `known`; the reason for having none; None while it is read."""
         if not self._vehicle.is_alive(now_ms):
             return "no_autopilot"
         if self._set is not None and self._proven_ms is not None and now_ms - self._proven_ms <= self._counts_ms():
@@ -55,7 +55,7 @@ class ParameterCopy:
         return None
 
     def on_message(self, message: Any, now_ms: int) -> list[Output]:
-        """A message of the autopilot: a parameter may be another one now, whoever has set it."""
+        """A message of the autopilot, which may show a changed parameter, whoever set it."""
         self._notice_restart()
         if not self._vehicle.is_own(message):
             return []
@@ -69,7 +69,7 @@ class ParameterCopy:
         return [Transmit(one) for one in out] + self._go_on(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
-        """What is asked for, and asked for again."""
+        """Requests that are due, and their repetitions."""
         self._notice_restart()
         out: list[Any] = []
         if self._proof is not None:
@@ -79,7 +79,7 @@ class ParameterCopy:
         return [Transmit(one) for one in out] + self._go_on(now_ms)
 
     def _go_on(self, now_ms: int) -> list[Output]:
-        """From what is over to what follows: a proof by the hash where there is a set to prove, else a reading."""
+        """Finish a step and begin the next: a proof by hash if there is a set to prove, otherwise a reading."""
         if self._proof is not None and self._proof.is_over:
             is_same, self._proof = self._proof.result, None
             if is_same:
@@ -107,7 +107,7 @@ class ParameterCopy:
         return [Transmit(one) for one in self._reading.begin(now_ms)]
 
     def _fold(self, message: Any) -> None:
-        if self._set is None or self._vehicle.heartbeat_ms is None:  # before its first heartbeat its kind is not known
+        if self._set is None or self._vehicle.heartbeat_ms is None:  # the first heartbeat shows the autopilot's kind
             return
         if self._total is not None and message.param_count != self._total:
             self._proven_ms = None
@@ -119,7 +119,7 @@ class ParameterCopy:
         base = next((one for one in self._given if one.hash == known), None)
         try:
             data = Unchanged(found.hash) if known == found.hash else found.packed(base)
-        except PayloadError:  # what has changed since another firmware's set may be more than the whole
+        except PayloadError:  # the changes since another firmware's set may exceed the whole set
             data = found.packed()
         self._given = [*(one for one in self._given if one.hash != found.hash), found][-MOST_GIVEN:]
         return data
@@ -129,7 +129,7 @@ class ParameterCopy:
         return FRESH_MS if self._vehicle.autopilot.hash_check(self._set) is None else SURE_MS
 
     def _notice_restart(self) -> None:
-        """What an autopilot has after a start is known once it was read."""
+        """After a restart of the autopilot, distrust the set until it is proven or read again."""
         if self._restarts != self._vehicle.boots.restarts:
             self._restarts = self._vehicle.boots.restarts
             self._is_wanted = self._is_wanted or self._reading is not None or self._proof is not None

@@ -1,4 +1,4 @@
-"""The set of parameters that a station was given last, on the drone's disk: it saves a reading, and nothing else."""
+"""The set of parameters that a station was given last, on the drone's disk, which may save reading it again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KEEP_EVERY_S = 5.0
 
 
 class ParameterFile:
-    """A set in a file. What is in it is believed only once the autopilot has given its hash, or was read anew."""
+    """A set in a file. It is trusted only once the autopilot has given its hash; otherwise all is read anew."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -26,6 +26,6 @@ class ParameterFile:
             logger.warning("parameters %s: %s; they are read anew", path, error)
 
     def keep(self, found: ParameterSet) -> None:
-        """Write a set; blocks. Raises ConfigurationError where that fails."""
+        """Write a set; blocks. Raises ConfigurationError if the write fails."""
         files.write(self._path, found.packed())
         self.kept = found

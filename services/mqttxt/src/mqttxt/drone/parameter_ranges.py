@@ -16,7 +16,7 @@ _EXPECTED = "expected PX4's parameters.json (also as .xz) or ArduPilot's apm.pde
 
 
 def load(path: Path) -> dict[str, Range]:
-    """The least and the greatest value of each parameter that has both; raises ConfigurationError."""
+    """The least and the greatest value of each parameter that has both. Raises ConfigurationError."""
     data = files.read(path)
     try:
         document = json.loads(lzma.decompress(data) if path.suffix == ".xz" else data)

@@ -31,7 +31,7 @@ class _Setting:
 
 
 class ParameterSettings:
-    """Of one autopilot, within limits."""
+    """Sets parameters of one autopilot, within `limits`."""
 
     def __init__(self, vehicle: Vehicle, limits: Limits) -> None:
         self._vehicle = vehicle
@@ -41,7 +41,7 @@ class ParameterSettings:
     def start(
         self, command_id: CommandId, command: SetParameter, deadline_ms: int, limit_ms: int, now_ms: int
     ) -> list[Output]:
-        """Begin a command that was admitted; another one may have to end first."""
+        """Begin an admitted command; it may have to wait until another one ends."""
         if is_guarded(command.parameter) and command.parameter not in self._limits.parameters:
             return [Said(command_id, Word.DENIED, "parameter_not_enabled")]
         if not self._vehicle.is_alive(now_ms):
@@ -65,7 +65,7 @@ class ParameterSettings:
         return []
 
     def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
-        """It was not written: past the deadline (`late`), or the autopilot's link took nothing."""
+        """It was not written: past the deadline (`late`), or because the autopilot's link refused it."""
         one = next(one for one in self._settings if one.id == command_id)
         return self._end(one, Word.EXPIRED, None, now_ms) if late and not one.is_written else []
 
@@ -77,7 +77,7 @@ class ParameterSettings:
         return self._write(one, one.exchange.on_message(message, now_ms), now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
-        """Repetitions, limits, and what has become of the autopilot."""
+        """Repetitions, limits, and the loss or restart of the autopilot."""
         out = self._begin_next(now_ms)
         one = self._settings[0] if self._settings else None
         if one is None:
@@ -98,7 +98,7 @@ class ParameterSettings:
         return self._write(one, one.exchange.begin(now_ms), now_ms)
 
     def _write(self, one: _Setting, steps: list[Step], now_ms: int) -> list[Output]:
-        """Questions at any time; the value itself, each time, within the deadline."""
+        """Write steps: requests at any time, each copy of the value within the deadline."""
         out: list[Output] = [
             Transmit(step.message, one.deadline_ms, one.id) if step.changes else Transmit(step.message)
             for step in steps
@@ -111,7 +111,7 @@ class ParameterSettings:
             return self._end(one, Word.COMPLETED, None, now_ms)
         if not one.is_written:
             return self._end(one, Word.DENIED, str(error), now_ms)
-        if isinstance(error, CannotExecute):  # what was read back says nothing of the value
+        if isinstance(error, CannotExecute):  # the answer to the read-back does not show the value
             return self._end(one, Word.UNCONFIRMED, str(error), now_ms)
         if str(error) == "no_answer":
             return self._end(one, Word.UNCONFIRMED, "no_ack", now_ms)

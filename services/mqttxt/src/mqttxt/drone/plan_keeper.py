@@ -1,4 +1,4 @@
-"""The commands about a drone's plan, and what a mission's start needs first (docs/protocol.md, section 16)."""
+"""The commands about a drone's plan, and the preparation of a mission's start (docs/protocol.md, section 16)."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from .runs import Output, Said
 OfPlan = UploadPlan | ClearPlan | SetCurrentItem
 MISSION_RUNNING = "mission_running"
 SURE_MS = 1000
-"""How long a plan that was read counts: who asked and waits takes it at once, who asks later has it read anew."""
+"""How long a plan that was read is given out: a waiting station takes it at once, a later one has it read anew."""
 
 
 @dataclass(eq=False)
 class _Job:
-    """A transfer with the autopilot, and the command that it is for; without one, for whoever fetches the plan.
+    """A transfer with the autopilot for the command `id`; None: for a station that fetches the plan.
 
-    `is_begun`: something was written that may have changed the autopilot's lists.
+    `is_begun`: a write may have changed the autopilot's lists or its current item.
     """
 
     exchange: Exchange
@@ -42,14 +42,14 @@ class _Job:
 
     @property
     def is_preparation(self) -> bool:
-        """Whether it is part of a mission's start, whose run says the words."""
+        """Whether it is part of a mission's start, whose run gives the words."""
         return self.id is not None and self.ends_ms == 0
 
 
 class PlanKeeper:
-    """The plan of one drone: one transfer at a time, in the order in which they were asked for.
+    """The plan of one drone: one transfer at a time, in the order of the requests.
 
-    `staged` gives an object that was staged, by its hash; `is_starting`: whether a mission's start is open.
+    `staged` gives a staged object by its hash; `is_starting` returns whether a mission's start is open.
     """
 
     def __init__(
@@ -61,13 +61,13 @@ class PlanKeeper:
         self._staged = staged
         self._jobs: list[_Job] = []
         self._fetched: tuple[bytes | str, int] | None = None
-        """The whole plan as it was read last, or why it could not be, and when, until somebody took it."""
+        """The whole plan as it was read last, or the reason of the failure, and when; kept until it is fetched."""
         self._restarts = vehicle.boots.restarts
 
     def start(
         self, command_id: CommandId, command: OfPlan, deadline_ms: int, limit_ms: int, now_ms: int
     ) -> list[Output]:
-        """Begin a command of the plan that was admitted."""
+        """Begin an admitted command about the plan."""
         try:
             if not self._vehicle.is_alive(now_ms):
                 raise CannotExecute("no_autopilot")
@@ -80,9 +80,9 @@ class PlanKeeper:
         return self._begin_next(now_ms)
 
     def preparing(self, command_id: CommandId, command: StartMission | Resume, deadline_ms: int) -> str | None:
-        """Why a mission cannot be started: empty while that is not known yet, None once it can.
+        """Prepare a mission's start: None once it may start, empty while unknown, otherwise why it may not.
 
-        Its list is read anew for each start: nobody tells of what another station has uploaded.
+        The list is read anew for each start, because another station may have uploaded one unnoticed.
         """
         job = next((job for job in self._jobs if job.id == command_id), None)
         if job is None:
@@ -105,7 +105,7 @@ class PlanKeeper:
         return None
 
     def fetch(self, now_ms: int, known: bytes | None = None) -> bytes | str | None:
-        """The whole plan, packed, or why there is none; None while it is being read. It is given whole to everybody."""
+        """The whole plan, packed, or the reason of a failure; None while it is read. `known` makes no difference."""
         if not self._vehicle.is_alive(now_ms):
             return "no_autopilot"
         found, self._fetched = self._fetched, None
@@ -116,7 +116,7 @@ class PlanKeeper:
         return None
 
     def on_message(self, message: object, now_ms: int) -> list[Output]:
-        """A message of the autopilot, after `vehicle` has taken it in."""
+        """A message of the autopilot, after `vehicle` was updated by it."""
         self._notice_restart()
         job = self._jobs[0] if self._jobs else None
         if job is None or not self._vehicle.is_own(message) or not self._is_for_us(message):
@@ -124,7 +124,7 @@ class PlanKeeper:
         return self._write(job, job.exchange.on_message(message, now_ms), now_ms)
 
     def tick(self, now_ms: int, open_ids: Container[CommandId]) -> list[Output]:
-        """Repetitions, limits, and what has become of the autopilot. Starts that are not `open_ids` are over."""
+        """Repetitions, limits, and the autopilot's loss. Preparations of starts not in `open_ids` are dropped."""
         self._notice_restart()
         self._jobs = [job for job in self._jobs if not job.is_preparation or job.id in open_ids]
         out = self._begin_next(now_ms)
@@ -140,11 +140,11 @@ class PlanKeeper:
         return out + self._write(job, job.exchange.tick(now_ms), now_ms)
 
     def owns(self, command_id: CommandId) -> bool:
-        """Whether a write was for a command of the plan."""
+        """Whether a write was for a command about the plan."""
         return any(job.id == command_id for job in self._jobs)
 
     def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
-        """A write that is bound by the deadline has happened; the first one is said, but for a start's."""
+        """A write bound by the deadline was done. The first gives `in_progress`, except in a preparation."""
         job = next(job for job in self._jobs if job.id == command_id)
         if now_ms > job.deadline_ms:
             job.late_ms = max(job.late_ms or 0, now_ms - job.deadline_ms)
@@ -154,12 +154,12 @@ class PlanKeeper:
         return [Said(command_id, Word.IN_PROGRESS, late_ms=job.late_ms)]
 
     def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
-        """It was not written: past the deadline (`late`), or the autopilot's link took nothing."""
+        """It was not written: past the deadline (`late`), or because the autopilot's link refused it."""
         job = next(job for job in self._jobs if job.id == command_id)
         return self._end(job, now_ms, Word.EXPIRED) if late and not job.is_begun else []
 
     def _steps(self, command: OfPlan) -> Steps[None]:
-        """The steps of a command; raises CannotExecute and PayloadError where it cannot be begun."""
+        """The steps of a command. Raises CannotExecute or PayloadError if it cannot be begun."""
         if isinstance(command, SetCurrentItem):
             return self._lists.select(command.mission, command.item)
         if any(job.changes_lists for job in self._jobs):
@@ -180,9 +180,9 @@ class PlanKeeper:
         return self._write(job, job.exchange.begin(now_ms), now_ms)
 
     def _write(self, job: _Job, steps: list[Step], now_ms: int) -> list[Output]:
-        """Write steps. The first that may change lists is due by the deadline, and not under a mission that runs.
+        """Write steps. The first that may change lists is bound by the deadline, and denied while a mission runs.
 
-        Of the current item each is: what it changes is where the drone flies to.
+        Each write of the current item is so bound: it changes where the drone flies to.
         """
         out: list[Output] = []
         for step in steps:
@@ -193,7 +193,7 @@ class PlanKeeper:
         return out + (self._over(job, now_ms) if job.exchange.is_over else [])
 
     def _over(self, job: _Job, now_ms: int) -> list[Output]:
-        """The end of a transfer. A start that was prepared is taken up by its own run."""
+        """The end of a transfer. The result of a preparation is left for its start's run."""
         error = job.exchange.error
         if job.id is None:
             self._jobs.remove(job)
@@ -209,7 +209,7 @@ class PlanKeeper:
         return self._end(job, now_ms, Word.DENIED if is_no else Word.FAILED, str(error))
 
     def _end(self, job: _Job, now_ms: int, word: Word, reason: str | None = None) -> list[Output]:
-        """Say a job's last word; a preparation's is its run's to say."""
+        """End a job with its last word; the start's run gives that of a preparation."""
         job.exchange.stop()
         if job.is_preparation:
             job.exchange.error = job.exchange.error or TransferFailed(reason or word.label)
@@ -226,19 +226,19 @@ class PlanKeeper:
         return is_flown or self._is_starting()
 
     def _is_for_us(self, message: object) -> bool:
-        """Whether a message is for the UAV client, or for everybody."""
+        """Whether a message is addressed to the UAV client, or to all."""
         system, component = (getattr(message, f"target_{what}", 0) for what in ("system", "component"))
         return system in (0, self._vehicle.system_id) and component in (0, Source.COMPANION.component)
 
     def _notice_restart(self) -> None:
-        """What an autopilot has after a start is known once it was read."""
+        """After a restart of the autopilot, forget the lists' hashes until they are read again."""
         if self._restarts != self._vehicle.boots.restarts:
             self._restarts = self._vehicle.boots.restarts
             self._vehicle.mission.forget()
 
 
 def _packed(lists: Mapping[PlanList, tuple[PlanItem, ...]]) -> bytes | str:
-    """A plan as it is given, or why it cannot be."""
+    """The plan packed, or the reason why it cannot be."""
     try:
         return PlanObject.of(lists).packed()
     except PayloadError as error:

@@ -1,4 +1,4 @@
-"""A drone's plan as its autopilot has it: read, replaced as a whole, compared with what was wanted."""
+"""A drone's plan as its autopilot has it: read, replaced as a whole, and compared with the uploaded one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .mavlink.vehicle import Vehicle
 
 Items = tuple[PlanItem, ...]
 _HOME = PlanItem(mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0, True)
-"""In the place that an autopilot keeps for home, which it fills in itself."""
+"""The placeholder for home, which an autopilot fills in itself."""
 _PLAIN_FRAMES = {
     mavlink.MAV_FRAME_GLOBAL_INT: mavlink.MAV_FRAME_GLOBAL,
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
@@ -25,9 +25,9 @@ _CLOSE = 1e-3
 
 
 def check_nulls(lists: Mapping[PlanList, Items]) -> None:
-    """Raises CannotExecute for an item that lacks a number without which nobody knows where it is.
+    """Raises CannotExecute for an item whose altitude, radius or number of corners is null.
 
-    PX4 1.15 and main take a radius and an altitude that are null, and ArduCopter ends by it, or refuses a mission.
+    PX4 1.15 and main accept a null radius or altitude. ArduCopter's process ends by it, or it refuses the mission.
     """
     for kind, items in lists.items():
         for number, item in enumerate(items, start=1):
@@ -38,18 +38,18 @@ def check_nulls(lists: Mapping[PlanList, Items]) -> None:
 
 
 class OtherPlan(TransferFailed):
-    """The autopilot's mission is not the one that was named, or has no such item: nothing is begun."""
+    """The autopilot's mission is not the one that the command names, or lacks its item; nothing is begun."""
 
 
 @dataclass
 class PlanLists:
-    """The three lists of one autopilot. `_written` are those that were written and read back, as they were wanted."""
+    """The three lists of one autopilot. `_written` has those that were written and read back, as uploaded."""
 
     vehicle: Vehicle
     _written: dict[PlanList, Items] = field(default_factory=dict)
 
     def fetch(self, kind: PlanList) -> Steps[Items]:
-        """A list as the plan has it; from now on its hash is known."""
+        """Read a list, in the form of the plan, and note its hash."""
         found = self._of_autopilot((yield from self._read(kind)), kind)
         known = self._written.get(kind)
         if known is None or not self._alike(known, found, kind):
@@ -64,16 +64,16 @@ class PlanLists:
             self.vehicle.mission.hashes[kind] = list_hash(items)
 
     def fetch_all(self) -> Steps[dict[PlanList, Items]]:
-        """All three lists."""
+        """Read all three lists."""
         found = {}
         for kind in PlanList:
             found[kind] = yield from self.fetch(kind)
         return found
 
     def replace(self, wanted: Mapping[PlanList, Items]) -> Steps[None]:
-        """Each list as it is wanted, or all of them as they were; raises TransferFailed.
+        """Replace lists by `wanted`, or restore all and raise TransferFailed ("partial, ..." if that failed).
 
-        What the autopilot has already is not written again.
+        A list that the autopilot already has is not written.
         """
         before = {}
         for kind in wanted:
@@ -92,7 +92,7 @@ class PlanLists:
             raise
 
     def select(self, mission: bytes, item: int | None) -> Steps[None]:
-        """Make an item of the mission with that hash the current one; raises OtherPlan."""
+        """Make `item` of the mission with that hash the current one; None leaves it. Raises OtherPlan."""
         items = yield from self.fetch(PlanList.MISSION)
         if self.vehicle.mission.hashes[PlanList.MISSION] != mission:
             raise OtherPlan("other_plan")
@@ -104,7 +104,7 @@ class PlanLists:
             yield from set_current(self.vehicle.system_id, self.vehicle.mission.seq(item))
 
     def _put(self, kind: PlanList, items: Items) -> Steps[None]:
-        """Write a list and read it back; raises TransferFailed with the first item that is another one."""
+        """Write a list and read it back. Raises TransferFailed with the first item that differs."""
         self.vehicle.mission.hashes.pop(kind, None)
         home_items = self._home_items(kind)
         yield from write(self.vehicle.system_id, kind, self._for_autopilot(items, kind), home_items)
@@ -116,7 +116,7 @@ class PlanLists:
                 raise TransferFailed(f"{kind.label} item {number}: read back as another one")
 
     def _put_back(self, before: Mapping[PlanList, Items]) -> Steps[bool]:
-        """Whether every list is as it was."""
+        """Restore the lists; returns whether that succeeded."""
         try:
             for kind, items in before.items():
                 if not self._alike(items, (yield from self.fetch(kind)), kind):
@@ -133,7 +133,7 @@ class PlanLists:
         return self.vehicle.mission.home_items if kind is PlanList.MISSION else 0
 
     def _for_autopilot(self, items: Items, kind: PlanList) -> Items:
-        """With home in front where it belongs there, and the items that are jumped to as the autopilot counts them."""
+        """Items in the autopilot's form: home in front if it keeps one there, and jumps by its own numbers."""
         if not items:
             return ()
         return (_HOME,) * self._home_items(kind) + tuple(_jumping(item, self._home_items(kind) - 1) for item in items)
@@ -144,9 +144,9 @@ class PlanLists:
         return tuple(_jumping(item, 1 - home_items) for item in own)
 
     def _alike(self, wanted: Items, found: Items, kind: PlanList) -> bool:
-        """Whether two lists are the same to this kind of autopilot, which does not keep every field.
+        """Whether two lists are equal in the fields that this kind of autopilot keeps.
 
-        A corner of a fence has no height, and it and a rally point nothing to continue with.
+        Fence corners have no height, and neither they nor rally points have `autocontinue`.
         """
         kept = self.vehicle.autopilot.kept if kind is PlanList.MISSION else _corner
         pairs = zip(wanted, found, strict=False)
@@ -161,14 +161,14 @@ def _corner(item: PlanItem) -> PlanItem:
 
 
 def _jumping(item: PlanItem, by: int) -> PlanItem:
-    """DO_JUMP to an item that is `by` further on; any other item as it is."""
+    """A DO_JUMP with its target moved by `by` items; any other item unchanged."""
     if item.command != mavlink.MAV_CMD_DO_JUMP or item.params[0] is None:
         return item
     return replace(item, params=(item.params[0] + by, *item.params[1:]))
 
 
 def _close(one: PlanItem, other: PlanItem) -> bool:
-    """Whether two items differ by no more than rounding does."""
+    """Whether two items are equal, up to rounding."""
     floats = [(*each.params, each.z) for each in (one, other)]
     if (one.command, one.x, one.y, one.autocontinue) != (other.command, other.x, other.y, other.autocontinue):
         return False

@@ -1,6 +1,6 @@
 """The mode that an autopilot has to be in before a command is written to it (docs/protocol.md, R5.19).
 
-A pilot who changes the mode after that was commanded wins: nothing is commanded again, and the command is over.
+A pilot who changes the mode after it was commanded wins: it is not commanded again, and the command ends.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Preparer:
     runs: Runs
 
     def is_taken_over(self, run: Run) -> bool:
-        """Whether heartbeats newer than the first write show a mode that is neither the one before nor ours."""
+        """Whether heartbeats since the first write show a mode that is neither the commanded nor the earlier one."""
         prepared = run.preparation
         told = self.vehicle.seen(FlightMode, prepared.number) if prepared is not None else None
         if prepared is None or told is None:
@@ -38,7 +38,7 @@ class Preparer:
         return prepared.is_entered or told != prepared.before
 
     def prepare(self, run: Run, mode: FlightModeName, now_ms: int) -> list[Output]:
-        """Command the mode, now and then, until it is accepted; then wait for a heartbeat that shows it."""
+        """Command the mode every `AGAIN_MS` until it is accepted; then wait for a heartbeat that shows it."""
         prepared = run.preparation
         if prepared is None:
             run.phase = Phase.PREPARING

@@ -1,4 +1,4 @@
-"""The states that a drone publishes: by their policies, by rates of their own, alone or in bundles."""
+"""The states that a drone publishes: by their policies or at requested rates, singly or in bundles."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .texts import Texts
 
 
 class PublishedStates:
-    """When one UAV client session publishes which state. `throttle` has the newest value of each.
+    """Decides when one UAV client session publishes which state. `throttle` has the newest value of each.
 
-    With `all_states` those on request are published too, and `texts` of the autopilot; it is None without.
+    With `all_states` the states on request are published too, and so are the autopilot's `texts`, otherwise None.
     """
 
     def __init__(
@@ -50,11 +50,11 @@ class PublishedStates:
         self._for_bundle: dict[str, State] = {}
 
     def streamed(self, message: Any, now_ms: int) -> list[State]:
-        """The states to publish because the autopilot sent this message, after the vehicle has taken it in."""
+        """The states whose requested rate is served by this message, after the vehicle was updated by it."""
         return self._without_bundled(self._streams.on_message(message, now_ms))
 
     def due(self, now_ms: int) -> list[State]:
-        """The states to publish now by a rate of their own, and by their policies those that no bundle takes."""
+        """The states to publish singly now: at requested rates and, without bundles, by their policies."""
         names = self._streams.names
         self.throttle.apart = names | self._unasked if names else self._unasked
         current = (self.throttle.current(name) for name in self._streams.due(now_ms))
@@ -63,7 +63,7 @@ class PublishedStates:
         return alone if self._settings.bundles else [*alone, *self.throttle.due(now_ms)]
 
     def _without_bundled(self, streamed: list[State]) -> list[State]:
-        """Keep for the next bundle what is streamed no faster than bundles leave; the rest leaves alone."""
+        """Keep the states streamed no faster than bundles leave for the next bundle, and return the others."""
         if not self._settings.bundles:
             return streamed
         waiting = [state for state in streamed if self._streams.waits(state.name, self._settings.bundle_ms)]
@@ -71,7 +71,7 @@ class PublishedStates:
         return [state for state in streamed if state not in waiting]
 
     def bundle(self, now_ms: int, early: bool = False) -> list[Effect]:
-        """Once per bundle interval, or when something urgent is due, or `early`: all that is due, in one message."""
+        """All due states in one message: once per bundle interval, when an urgent state is due, or if `early`."""
         if not self._settings.bundles:
             return []
         if not early and now_ms < self._next_bundle_ms and not self.throttle.is_due(URGENT, now_ms):
@@ -84,7 +84,7 @@ class PublishedStates:
         together, refused = list(due.values()), list[Effect]()
         try:
             encoded = self._encoded_together(together, now_ms)
-        except PayloadError:  # one by one, only to know which of them cannot be carried
+        except PayloadError:  # encode each singly, to find those that cannot be carried
             alone = [(state, self._encoded(state, now_ms)) for state in together]
             refused += [found for _, found in alone if isinstance(found, Log)]
             together = [state for state, found in alone if not isinstance(found, Log)]
@@ -97,11 +97,11 @@ class PublishedStates:
         return [Publish(self._channel.link, topic, payload), *refused]
 
     def _encoded_together(self, states: list[State], now_ms: int) -> bytes:
-        """A bundle; raises PayloadError where a value cannot be carried."""
+        """An encoded bundle. Raises PayloadError if a value cannot be carried."""
         return encode(drone_bundle(states, stamp(now_ms)), self._settings.encoding)
 
     def publish(self, states: Iterable[State], now_ms: int) -> list[Effect]:
-        """Each state on its own topic; a value that cannot be carried is counted."""
+        """Publish each state on its own topic; a value that cannot be carried is counted."""
         out: list[Effect] = []
         for state in states:
             encoded, topic = self._encoded(state, now_ms), self._topics.state(self._drone, state.name)

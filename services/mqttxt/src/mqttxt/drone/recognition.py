@@ -1,17 +1,17 @@
-"""Whether the autopilot on the link is this drone's: known by its heartbeats, before anything is connected."""
+"""Whether the autopilot on the link is this drone's, by its heartbeats, before the client connects to a broker."""
 
 from __future__ import annotations
 
 PATIENCE_MS = 10_000
-"""How long a heartbeat of another system, or of an unknown kind, has to keep coming to be of this link's autopilot."""
+"""How long heartbeats of another system, or an unknown kind, have to continue to count as this link's autopilot."""
 GAP_MS = 3000
-"""Heartbeats that are further apart do not keep coming."""
+"""The longest gap between heartbeats that continue."""
 
 
 class Recognition:
-    """The heartbeats of flight controllers, until the own one's came.
+    """The heartbeats of flight controllers, until that of the drone's own.
 
-    A stray one of another system, or of a kind that is not known, is no autopilot.
+    A stray heartbeat of another system, or of an unknown kind, does not count.
     """
 
     def __init__(self, system_id: int) -> None:
@@ -19,13 +19,13 @@ class Recognition:
         self._coming: dict[int, tuple[int, int]] = {}
 
     def on_own(self) -> None:
-        """Something of the own system came: others that are heard share the link with it."""
+        """A message of the own system: other systems only share the link with it, and are forgotten."""
         self._coming = {system: when for system, when in self._coming.items() if system == self._system_id}
 
     def on_heartbeat(self, system_id: int, now_ms: int, is_known: bool = True) -> int | None:
-        """The heartbeat of a flight controller, `is_known`: of a kind that is known.
+        """Take in a flight controller's heartbeat; `is_known`: its kind is known.
 
-        Returns the system that this link belongs to, None where that is not clear.
+        Returns the system id of the link's autopilot, None while that is not clear.
         """
         if system_id == self._system_id and is_known:
             return system_id

@@ -1,5 +1,5 @@
-"""Which MAV_CMD may be sent now: an acknowledgement names only the number and whom it answers, so a late one must find
-nobody waiting.
+"""Which MAV_CMD may be sent now: an acknowledgement names only the number and the component it answers, so no command
+may wait when a late one arrives.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from ..protocol.messages import CommandId
 from .mavlink.sources import Source
 
 STRAY_ACK_MS = 3000
-"""How long a key rests while acknowledgements of it may still be under way."""
+"""How long a key rests while its acknowledgements may still be under way."""
 SECOND_ACK_MS = 300
 """How long a key rests for a second acknowledgement; PX4 writes both at once. Less than the time between copies."""
 
 AckKey = tuple[int, Source]
-"""What identifies an acknowledgement: the MAV_CMD, and in whose name it was sent."""
+"""The fields that identify an acknowledgement: the MAV_CMD, and the component that sent it."""
 
 
 class Kind(Enum):
-    """What an acknowledgement is of, if nobody waits for it: something of our own, another copy of a command that
-    was answered or given up, or what was accepted before.
+    """The write that an acknowledgement answers if no run waits for it: the client's own, another copy of a command
+    that was answered or given up, or one that was already accepted.
     """
 
     OWN = auto()
@@ -32,7 +32,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Expected:
-    """An acknowledgement that may come until `until_ms`, and the command on whose behalf the write was."""
+    """An acknowledgement that may arrive until `until_ms`; `owner` is the command that the write was for."""
 
     kind: Kind
     owner: CommandId | None
@@ -40,9 +40,9 @@ class Expected:
 
 
 class Acks:
-    """Keys that rest, and the acknowledgements of each that nobody waits for, in the order of their writes.
+    """Keys that rest, and the acknowledgements of each that no run waits for, in the order of their writes.
 
-    What was written before a command that waits (`_earlier`) is answered before it, our own writes after it.
+    Writes before those of a waiting command (`_earlier`) are answered before it, the client's own (`_own`) after it.
     """
 
     def __init__(self) -> None:
@@ -54,34 +54,34 @@ class Acks:
         return now_ms >= self._rests_until_ms.get(key, 0)
 
     def is_late(self, key: AckKey, now_ms: int) -> bool:
-        """Whether the next acknowledgement is for an earlier write: they come in the order of the writes."""
+        """Whether the next acknowledgement is for an earlier write: they arrive in the order of the writes."""
         return not self.is_free(key, now_ms) and any(now_ms < one.until_ms for one in self._earlier.get(key, ()))
 
     def begin(self, key: AckKey) -> None:
-        """A command of a free key is about to be sent: the next acknowledgement is its own."""
+        """A command is about to be sent under a free key, so the next acknowledgement is its own."""
         self._earlier.pop(key, None)
         self._own.pop(key, None)
 
     def rest(self, key: AckKey, owner: CommandId, late: int, now_ms: int) -> None:
-        """Leave a key alone until `late` more acknowledgements have come, or for three seconds."""
+        """Rest a key until `late` more acknowledgements have arrived, or for three seconds."""
         if self.is_free(key, now_ms):
             self._earlier[key].clear()
         self._rests_until_ms[key] = until_ms = now_ms + STRAY_ACK_MS
         self._earlier[key].extend([Expected(Kind.LATE, owner, until_ms)] * late)
 
     def expect(self, key: AckKey, now_ms: int, owner: CommandId | None = None) -> None:
-        """Something of our own was written, on behalf of a command or of none, and no run waits for its answer."""
+        """The client wrote a message of its own, for `owner` or no command; no run waits for its answer."""
         self._rests_until_ms[key] = until_ms = now_ms + STRAY_ACK_MS
         self._own[key].append(Expected(Kind.OWN, owner, until_ms))
 
     def expect_second(self, key: AckKey, owner: CommandId | None, now_ms: int) -> None:
-        """A write was accepted that may be acknowledged once more, before all that was written after it."""
+        """An accepted write may be acknowledged once more, before all later writes."""
         until_ms = now_ms + SECOND_ACK_MS
         self._rests_until_ms[key] = max(self._rests_until_ms.get(key, 0), until_ms)
         self._earlier[key].insert(0, Expected(Kind.SECOND, owner, until_ms))
 
     def take(self, key: AckKey, now_ms: int) -> Expected | None:
-        """No run waits for this acknowledgement. The last one that was expected frees its key."""
+        """Match an acknowledgement that no run waits for; None if unexpected. The last one frees its key."""
         earlier, own = self._earlier.get(key, []), self._own.get(key, [])
         expected = [*earlier, *own]
         if not expected:

@@ -41,7 +41,7 @@ from .sensors.carrier import SENSORS, Carrier, is_carried
 class UavClient:
     """One drone's side of the fog link. Times are milliseconds of the session clock.
 
-    With a `seal` messages are signed, and leases are taken of the activator of `fog` alone.
+    With a `seal` messages are signed, and only the activator of `fog` may give leases.
     """
 
     def __init__(
@@ -103,13 +103,13 @@ class UavClient:
         self._next_beacon_ms = 0
         self._heartbeats = Heartbeats()
         self.paths: Paths | None = None
-        """Where the fog is reached over several connections."""
+        """Set if the client has several connections to the fog."""
         self._listener: int | None = None
-        """The activator's session that was there, by its lease, since this connection began."""
+        """The activator's session in the newest lease since this connection began."""
 
     @property
     def born(self) -> bool:
-        """Whether this session's birth is published, so that words and states may be."""
+        """Whether this session's birth is published. Before it no word and no state is."""
         return self.desk.may_publish
 
     def will(self) -> Will:
@@ -117,7 +117,7 @@ class UavClient:
         return self._presence.will(several=self.paths is not None)
 
     def is_ready(self, now_ms: int) -> bool:
-        """Whether the drone has a session with its broker and a heartbeat from its autopilot."""
+        """Whether the birth is published and the autopilot's heartbeat is recent."""
         return self.born and self.vehicle.is_alive(now_ms)
 
     def on_connected(self, link: str, now_ms: int) -> list[Effect]:
@@ -146,17 +146,17 @@ class UavClient:
         return []
 
     def on_path(self, lost: str | None, now_ms: int) -> list[Effect]:
-        """One of several connections to the fog has come, was lost, is stuck, or is not the best any more."""
+        """One of several connections to the fog came up, is lost (`lost`), stuck, or no longer the best."""
         if self.paths is not None and lost is not None:
             self.paths.on_lost(lost)
         if not self.born:
             return []
-        self._states.throttle.repeat_published()  # what went over another one may not have arrived
+        self._states.throttle.repeat_published()  # states sent over another one may not have arrived
         readings = self.carrier.on_path() if self.carrier is not None else []
         return [self._beacon(now_ms), *self.desk.republish(), *readings]
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
-        """Commands can be heard from now on: say so, then everything that may not have been heard before."""
+        """Once all subscriptions are granted, publish birth, beacon, and undelivered words and readings."""
         if subscribe.link == SENSORS:
             return []
         self._awaited_subacks -= 1
@@ -171,7 +171,7 @@ class UavClient:
         return out + (self.carrier.on_fog_up(now_ms) if self.carrier is not None else [])
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
-        """A message from the fog broker, or from the drone's own, where sensors publish."""
+        """A message from the fog broker, or from the drone's own broker, to which sensors publish."""
         if link == SENSORS and self.carrier is not None:
             return self.carrier.on_message(message, now_ms)
         self._hearing.heard(now_ms)
@@ -218,21 +218,21 @@ class UavClient:
         return self.desk.carry_out(self.desk.executor.on_refused(ref, late, now_ms), now_ms)
 
     def on_log(self, done: LogDone, now_ms: int) -> list[Effect]:
-        """What the folder of logs has done."""
+        """The result of work on the folder of logs."""
         if isinstance(done, LogLoaded):
             return self._bulk.on_loaded(done) if self.born else []
         out: list[Effect] = [Log("logs", done.detail)] if isinstance(done, LogFault) else []
         return out + self.desk.carry_out(self.desk.executor.logs.on_done(done, now_ms), now_ms)
 
     def on_identity(self, now_ms: int) -> list[Effect]:
-        """The identity has another key, or its fleet a newer revocation list: birth and beacon say so."""
+        """Publish birth and beacon for the identity's new key, or the fleet's newer revocation list."""
         if self._channel.seal is None:
             return []
         self._channel.seal.on_identity()
         return [self._presence.say(up=True), self._beacon(now_ms)] if self.born else []
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """Everything that is due by time; to be called at least ten times a second."""
+        """Everything that is due by time. Call it at least ten times per second."""
         if self._control.is_refused and not self._is_armed:
             return [self._control.stop()]
         out = self.desk.tick(now_ms)
@@ -254,15 +254,15 @@ class UavClient:
         return out + self.desk.say_first_words() + bundle if bundle else self._with_bundle(out, now_ms)
 
     def _with_bundle(self, out: list[Effect], now_ms: int) -> list[Effect]:
-        """What leaves, and beside a word the states that wait: what leaves in one turn is one segment (R10.7)."""
+        """Add the waiting states if `out` has a word: messages of one turn share a TCP segment (R10.7)."""
         return out + self._states.bundle(now_ms, early=True) if any(map(self.desk.is_word, out)) else out
 
     def is_controlled(self, now_ms: int) -> bool:
-        """Whether a ground station controls this drone: the lease that the activator handed down has not ended."""
+        """Whether a ground station controls this drone: its lease from the activator has not ended."""
         return self.desk.executor.lease.is_held(now_ms)
 
     def goodbye(self, now_ms: int) -> list[Effect]:
-        """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
+        """Stop cleanly: end set-points with a hold, publish waiting words, then `down`."""
         self._hearing.end()
         said = self.desk.say_first_words()
         self.desk.may_publish = False
@@ -278,7 +278,7 @@ class UavClient:
             lease = decode(DroneLease, self._channel.opened(message, self._activator))
             if lease.drone_session != self.session:
                 return []
-            is_plain = self._channel.seal is None  # a signed one is of the drone's fog
+            is_plain = self._channel.seal is None  # a signed lease is always from the drone's fog
             if self.paths is not None and is_plain and not self.paths.takes(lease, message.path, now_ms):
                 return [
                     Log("other_activator", f"a lease over {message.path}: not of the activator of the first broker")
@@ -316,11 +316,11 @@ class UavClient:
         if self.carrier is not None and (before is None or before.activator_session != lease.activator_session):
             self.carrier.on_new_activator(now_ms)
         if lease.activator_session != self._listener or lease.anew:
-            self._states.throttle.repeat_published()  # it has not heard the ones before, and some change rarely
+            self._states.throttle.repeat_published()  # it lacks the earlier ones, and some change rarely
             self._listener = lease.activator_session
 
     def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
-        """Who was refused leaves the topic to another's birth, whoever signed it (R9.5)."""
+        """Keep the birth on its topic. A refused client leaves another's birth there, whoever signed it (R9.5)."""
         if self._control.is_refused and decode(Presence, Envelope.parse(message.payload).payload).up:
             return []
         if not self._presence.is_shown(message) and self.born:

@@ -1,4 +1,4 @@
-"""The commands that have no last word yet: where each is, and which of them stands in another's way."""
+"""The commands that have no last word yet: the phase of each, and which of them block or replace each other."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ Output = Effect | Said
 
 
 class Phase(Enum):
-    """Where a command is.
+    """The phase of a command.
 
     WAITING for its MAV_CMD to be free; PREPARING: the autopilot is put into another mode before it is sent;
-    PRIMING: set-points are streamed before it is sent; SENT and not acknowledged; RUNNING: accepted; STOPPING: on the
-    way to a safe end, its last word is known but not given.
+    PRIMING: set-points are streamed before it is sent; SENT and not acknowledged; RUNNING: accepted; STOPPING: being
+    ended safely, with its last word known but not given.
     """
 
     WAITING = auto()
@@ -52,9 +52,9 @@ UNSENT = (Phase.WAITING, Phase.PREPARING, Phase.PRIMING)
 
 @dataclass
 class Preparation:
-    """A mode that is commanded before a command, since when, and what came of it.
+    """A mode that is commanded before a command, and the answers to its writes so far.
 
-    `before` and `number`: the mode and the newest message at the first write.
+    `before`, `number` and `since_ms`: the mode, the newest message and the time at the first write.
     """
 
     mode: FlightModeName
@@ -67,7 +67,7 @@ class Preparation:
     is_entered: bool = False
 
     def on_answer(self, is_accepted: bool, is_second: bool) -> None:
-        """One of the writes was acknowledged, or once more after it was accepted."""
+        """Count an acknowledgement of a write; `is_second`: of one that was accepted before."""
         if is_accepted and not is_second:
             self.accepted += 1
         elif not is_accepted:
@@ -76,18 +76,18 @@ class Preparation:
 
     @property
     def may_have_changed(self) -> bool:
-        """Whether the autopilot's mode may be another one because of it."""
+        """Whether a write may have changed the autopilot's mode."""
         return self.writes > self.refusals
 
 
 @dataclass(eq=False)
 class Run:
-    """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered.
+    """A command that has no last word yet. `refused`: the answer to a refused copy, while others are unanswered.
 
-    `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it accepted.
-    `modes_before`: the modes that the autopilot may have been in when it accepted; `settled_number`: the newest message
-    once it has left them, None until then. `is_outdated`: a newer command of its group was started, or somebody changed
-    the mode, and this one is not sent again. `has_set_item`: the mission's current item was set for it.
+    `refusals` counts the refused copies; `restarts` is the autopilot's restart count when it accepted.
+    `modes_before`: the modes that the autopilot may have been in when it accepted. `settled_number`: the newest message
+    once later heartbeats must show the new mode, None until then. `is_outdated`: a newer command of its group was
+    started, or somebody changed the mode, so it is not sent again. `has_set_item`: the mission's current item was set.
     """
 
     id: CommandId
@@ -122,16 +122,16 @@ class Run:
 
     @property
     def ack_key(self) -> AckKey:
-        """What identifies its acknowledgements."""
+        """The key of its acknowledgements."""
         return self.plan.mav_cmd, self.source
 
     def is_of_group(self, other: Run) -> bool:
-        """Whether one of the two can take the other's place."""
+        """Whether one of the two can supersede the other."""
         return self.plan.group is not None and self.plan.group == other.plan.group
 
     @property
     def may_have_changed(self) -> bool:
-        """Whether something else was changed for it, so that a definite no would be false."""
+        """Whether its preparation may have changed something, so that a definite no would be false."""
         return self.has_set_item or (self.preparation is not None and self.preparation.may_have_changed)
 
     @property
@@ -148,7 +148,7 @@ class Runs:
         self._runs: list[Run] = []
 
     def __iter__(self) -> Iterator[Run]:
-        """Over a copy, so that a run may end meanwhile."""
+        """Iterate over a copy, so that a run may end meanwhile."""
         return iter(list(self._runs))
 
     def add(self, run: Run) -> None:
@@ -158,7 +158,7 @@ class Runs:
         return next((run for run in self._runs if run.id == command_id), None)
 
     def has_mission(self) -> bool:
-        """Whether a mission's start is open: it may be flown before a heartbeat shows it."""
+        """Whether a mission's start is open: the drone may fly it before a heartbeat shows that."""
         return any(isinstance(run.command, StartMission | Resume) for run in self._runs)
 
     def end(
@@ -169,23 +169,23 @@ class Runs:
         by: CommandId | None = None,
         observed: bool | None = None,
     ) -> Said:
-        """Say a run's last word."""
+        """End a run with its last word; a definite no becomes `failed` if the autopilot may have changed."""
         self._runs.remove(run)
         if word.is_definite_no and run.may_have_changed:
             word, reason = Word.FAILED, reason or word.label
         return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
 
     def awaiting(self, *keys: AckKey) -> Run | None:
-        """The run that waits for an acknowledgement of one of these: the oldest, as they come in the writes' order."""
+        """The oldest run that waits for an acknowledgement of `keys`: they arrive in the order of the writes."""
         waiting = (run for run in self._runs if run.phase is Phase.SENT and run.ack_key in keys)
         return next((run for run in waiting if run.sends > run.acks), None)
 
     def sharing(self, key: AckKey) -> list[Run]:
-        """The runs that are sent under a key and not accepted: several only where what halts had to share one."""
+        """The runs that are sent under a key and not accepted: several only if holds had to share a component."""
         return [run for run in self._runs if run.phase is Phase.SENT and run.ack_key == key]
 
     def is_free(self, key: AckKey, now_ms: int) -> bool:
-        """Whether nobody waits for this key; a run that stops sends the autopilot into hold until it is there."""
+        """Whether a key does not rest, and no run uses it: one that waits, or one that stops and repeats hold."""
         if any(run.phase in (Phase.SENT, Phase.STOPPING) and run.ack_key == key for run in self._runs):
             return False
         return self.acks.is_free(key, now_ms)
@@ -196,6 +196,6 @@ class Runs:
         return [r for r in earlier if r.is_of_group(run)]
 
     def newer(self, run: Run) -> Run | None:
-        """A later command of the same group that was sent too: the older one must not be sent again after it."""
+        """A later command of the same group that was sent: `run` must not be sent again after it."""
         later = self._runs[self._runs.index(run) + 1 :]
         return next((r for r in later if r.is_of_group(run) and r.phase not in UNSENT), None)

@@ -1,7 +1,6 @@
-"""States at a rate that somebody asked for, and any MAVLink message as a state (docs/protocol.md, sections 3 and 5).
+"""States at a requested rate, and any MAVLink message as a state (docs/protocol.md, sections 3 and 5).
 
-The autopilot is asked for a message only where its own stream is slower than that, and never slowed down below
-what it sent before.
+The autopilot is asked for a rate only if its own stream is slower, and never slowed down below its earlier rate.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from .mavlink.plans import CannotExecute, Plan, command_long
 from .mavlink.vehicle import SOURCES, Vehicle
 
 ENOUGH = 0.8
-"""A stream of this share of the requested rate is not asked to be faster: rates are measured, and waver."""
+"""The share of the requested rate that is good enough: rates are measured, and waver."""
 REMINDER_MS = 10_000
-"""How long a rate may be less than half of what was asked for before it is asked for again."""
+"""The interval at which rates below half of the requested ones are requested again."""
 
 
 @dataclass
@@ -33,7 +32,7 @@ class Turn:
     next_ms: float
 
     def is_due(self, now_ms: int) -> bool:
-        """Whether it is time; a message that comes a little early takes its turn, a late one makes up for nothing."""
+        """Whether it is time, and schedule the next. A quarter interval early counts; missed turns are dropped."""
         if now_ms < self.next_ms - self.interval_ms / 4:
             return False
         late = now_ms >= self.next_ms + self.interval_ms
@@ -42,12 +41,12 @@ class Turn:
 
 
 class Streams:
-    """The rates in force in one UAV client session, and what the autopilot was asked to send for them."""
+    """The rates in force in one UAV client session, and the rates requested of the autopilot for them."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self.names: frozenset[str] = frozenset()
-        """The states that are published at a rate of their own."""
+        """The states that are published at a requested rate."""
         self._turns: dict[str, Turn] = {}
         self._by_kind: dict[str, list[str]] = {}
         self._asked_hz: dict[str, float] = {}
@@ -55,11 +54,11 @@ class Streams:
         self._next_reminder_ms = 0
 
     def waits(self, name: str, bundle_ms: int) -> bool:
-        """Whether a state's rate lets it wait for a bundle that leaves once in `bundle_ms`; a message never does."""
+        """Whether a state is slow enough to wait for bundles every `bundle_ms`; a MAVLink message never waits."""
         return not name.startswith(MAVLINK_STATE) and self._turns[name].interval_ms >= bundle_ms
 
     def plan(self, command: Stream, now_ms: int) -> Plan:
-        """How to bring a rate about; raises CannotExecute for a state or a message that does not exist."""
+        """The plan that sets a rate. Raises CannotExecute for a state or a message that does not exist."""
         kind = source_of(command.state)
         message, ask = None, None
         if kind is not None:
@@ -75,12 +74,12 @@ class Streams:
         )
 
     def drop(self, name: str) -> None:
-        """Publish a state on change again; what the autopilot was asked for stays."""
+        """Publish a state by its policy again; the autopilot keeps the rate that was requested."""
         if self._turns.pop(name, None) is not None:
             self._index()
 
     def on_message(self, message: Any, now_ms: int) -> list[State]:
-        """The states to publish now that a message came, after the vehicle has taken it in."""
+        """The states to publish after a message, by which the vehicle was updated before."""
         kind = message.get_type()
         names = self._by_kind.get(kind)
         if names is None or not self._vehicle.is_own(message):
@@ -91,7 +90,7 @@ class Streams:
         return [*raw, *vital]
 
     def reminders(self, now_ms: int) -> list[Any]:
-        """What an autopilot that started anew has to be asked for again."""
+        """New requests for rates below half of the requested ones, as after a restart."""
         if now_ms < self._next_reminder_ms or not self._vehicle.is_alive(now_ms):
             return []
         self._next_reminder_ms = now_ms + REMINDER_MS
@@ -99,7 +98,7 @@ class Streams:
         return [self._interval(kind, hz) for kind, hz in asked if self._vehicle.rate_hz(kind, now_ms) < hz / 2]
 
     def due(self, now_ms: int) -> list[str]:
-        """The states that are due and that no message carries."""
+        """The due states that no message carries."""
         return [name for name in self._by_kind.get("", ()) if self._turns[name].is_due(now_ms)]
 
     def _take(self, command: Stream, kind: str | None, ask: float | None, now_ms: int) -> None:
@@ -127,7 +126,7 @@ class Streams:
         return max([command.rate_hz, *(1000 / self._turns[name].interval_ms for name in others)])
 
     def _question(self, kind: str, wanted_hz: float, now_ms: int) -> float | None:
-        """The rate to ask the autopilot for: 0 is its own, None where nothing has to be asked."""
+        """The rate to request of the autopilot: 0 is its own, None if no request is needed."""
         if kind not in self._asked_hz:
             own_hz = self._vehicle.rate_hz(kind, now_ms)
             if own_hz >= ENOUGH * wanted_hz:
@@ -146,9 +145,9 @@ class Streams:
 
 
 def source_of(name: str) -> str | None:
-    """The MAVLink message that has a state, None where none is streamed.
+    """The MAVLink message that carries a state, None if none does.
 
-    Raises CannotExecute for no such state, and for `text`, which has no rate.
+    Raises CannotExecute for an unknown state, and for `text`, which has no rate.
     """
     kind = kind_of(name)
     if kind is not None:
@@ -159,5 +158,5 @@ def source_of(name: str) -> str | None:
 
 
 def _shows(kind: str | None, vehicle: Vehicle, after: int) -> bool:
-    """A message of the kind came since; of none, there is nothing to wait for."""
+    """Whether a message of the kind came after number `after`; true without a kind."""
     return kind is None or vehicle.number_of(kind) > after

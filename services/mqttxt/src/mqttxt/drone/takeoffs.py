@@ -1,4 +1,4 @@
-"""A takeoff or a mission that came while the motors were disarmed must not fly off when somebody arms them later."""
+"""Keeps a takeoff or mission that a disarmed autopilot accepted from flying off when the drone is armed later."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from .mavlink.vehicle import Vehicle
 from .runs import Output, Runs
 
 ENTER_MS = 10_000
-"""How long after a write the autopilot may enter the mode because of it."""
+"""How long after a write it may still make the autopilot enter the mode."""
 HOLD_AGAIN_MS = 500
 _MODES: dict[type[Command], FlightModeName] = {
     Takeoff: FlightModeName.TAKEOFF,
     StartMission: FlightModeName.MISSION,
     Resume: FlightModeName.MISSION,
 }
-"""The modes in which a disarmed autopilot waits, and flies off once it is armed."""
+"""The modes in which a disarmed autopilot waits and, once it is armed, flies off."""
 
 
 class Takeoffs:
-    """Whether a disarmed autopilot is in a mode of ours to take off in, as PX4 may stay; then hold is commanded."""
+    """Commands hold while the autopilot, as PX4 may, stays disarmed in a mode of the client's in which it takes off."""
 
     def __init__(self, vehicle: Vehicle, runs: Runs) -> None:
         self._vehicle = vehicle
@@ -33,14 +33,14 @@ class Takeoffs:
         self._next_hold_ms = 0
 
     def said(self, command: Command, now_ms: int) -> None:
-        """A command is being written."""
+        """Note that a command is being written."""
         if type(command) not in _MODES:
             return
         self._mode = _MODES[type(command)]
         self._said_ms, self._said_number, self._entered = now_ms, self._vehicle.number, False
 
     def undo(self, now_ms: int) -> list[Output]:
-        """Command hold, now and then, while the autopilot is disarmed in the mode that our command left it in."""
+        """Command hold every `HOLD_AGAIN_MS` while the autopilot is disarmed in the command's mode."""
         if self._said_ms is None:
             return []
         told = self._vehicle.seen(FlightMode, self._said_number)

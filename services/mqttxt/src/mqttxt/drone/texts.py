@@ -1,4 +1,4 @@
-"""What the autopilot says to people, put together and handed on (docs/protocol.md, R3.12)."""
+"""The autopilot's texts for people (STATUSTEXT), assembled and published (docs/protocol.md, R3.12)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 from ..protocol.states import AutopilotText, Severity
 
 GAP_MS = 200
-"""Between two texts: two of one tick of the stamp would be taken for one."""
+"""The least time between two texts: two with the same stamp would be taken for one."""
 MOST_WAITING = 20
 REST_MS = 1000
-"""How long the next part of a text is waited for."""
+"""How long to wait for the next part of a text."""
 AGAIN_MS = 10_000
-"""How long a text that is said again and again is not passed on again."""
+"""How long repetitions of a text are dropped."""
 LONGEST = 200
 PART = 50
 """Characters in one STATUSTEXT."""
 
 
 class Texts:
-    """The texts of one autopilot that wait to be published; a full queue loses the least severe first."""
+    """The texts of one autopilot that wait to be published. A full queue drops the least severe one."""
 
     def __init__(self) -> None:
         self._waiting: deque[AutopilotText] = deque()
@@ -32,7 +32,7 @@ class Texts:
         self._next_ms = 0
 
     def on_message(self, message: Any, now_ms: int) -> None:
-        """A STATUSTEXT; one with an `id` is a part of a longer text, which a part that is not full ends."""
+        """A STATUSTEXT. One with an `id` is a part of a longer text, whose last part is the first that is not full."""
         if message.severity not in list(Severity):
             return
         if message.id != self._id or message.id == 0:
@@ -52,7 +52,7 @@ class Texts:
         return [self._waiting.popleft()]
 
     def _close(self, now_ms: int) -> None:
-        """What has come of a text is the text."""
+        """Queue the text from the received parts, unless it is a repetition."""
         said = "".join(self._parts[number] for number in sorted(self._parts))
         self._parts.clear()
         text = AutopilotText(self._severity, "".join(c for c in said if c.isprintable())[:LONGEST])

@@ -1,4 +1,4 @@
-"""What is answered at the ground: requests for messages, files (docs/gateway.md)."""
+"""Requests that the gateway answers itself: for messages and files (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .translation import NOT_NOW, UNSUPPORTED, Request
 
 ACCEPTED = int(mavlink.MAV_RESULT_ACCEPTED)
 TEXT_MS = 10_000
-"""How long one text to a client is not repeated."""
+"""How long the same text is not sent to a client again."""
 
 _NAMES: Final = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}"): name for name in LOCAL}
 _FTP_HEAD = struct.Struct("<HBBBBBBI")
@@ -23,11 +23,11 @@ _FTP_NAK, _FTP_FILE_NOT_FOUND = 129, 10
 _STEERING = "set-points and sticks do not pass this gateway: they would come late; expected commands"
 
 Answer = tuple[list[Any], str | None]
-"""The messages of an answer, and what people are told."""
+"""The messages of an answer, and a text for people."""
 
 
 class Answers:
-    """The answers of all drones; nothing of them crosses a link."""
+    """Answers for all drones; none of them crosses a link."""
 
     def __init__(self, turns: Turns) -> None:
         self._turns = turns
@@ -43,7 +43,7 @@ class Answers:
         }
 
     def on_message(self, message: Any, client: Client, view: View) -> Answer:
-        """The answer to a message that is no command; texts are not repeated for ten seconds."""
+        """The answer to a message that is no command; a text is not repeated within ten seconds."""
         handler = self._handlers.get(message.get_type())
         if handler is None:
             return [], None
@@ -56,7 +56,7 @@ class Answers:
         return messages, text
 
     def on_command(self, request: Request, view: View) -> tuple[int, Any | None] | None:
-        """The result of a command that is carried out here, with a message in front of it; None for all others."""
+        """The result of a command that the gateway carries out, and a message to send before; None for any other."""
         if request.mav_cmd == mavlink.MAV_CMD_REQUEST_MESSAGE:
             return _requested(_NAMES.get(request.whole(1)), view)
         if request.mav_cmd == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
@@ -81,7 +81,7 @@ def _requested(name: str | None, view: View) -> tuple[int, Any | None]:
 
 
 def _no_file(message: Any, client: Client, view: View) -> Answer:
-    """A negative answer ends the waiting: without one a client asks on for seconds."""
+    """Answer that there is no such file: without an answer a client asks for seconds."""
     number, session, asked, *_ = _FTP_HEAD.unpack_from(bytes(message.payload))
     head = _FTP_HEAD.pack((number + 1) % 2**16, session, _FTP_NAK, 1, asked, 0, 0, 0) + bytes([_FTP_FILE_NOT_FOUND])
     payload = list(head.ljust(_FTP_BYTES, b"\0"))

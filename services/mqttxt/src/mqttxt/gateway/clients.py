@@ -1,4 +1,4 @@
-"""Who is at the sockets, and which client controls which drone."""
+"""The clients at the sockets, and which of them controls which drone."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from .endpoints import Peer
 
 ALIVE_MS = 3000
-"""How long a client counts after its HEARTBEAT: three of one per second, as MAVSDK and QGroundControl send."""
+"""How long a client counts as alive after a HEARTBEAT: three of one per second, as MAVSDK and QGroundControl send."""
 REMEMBERED_MS = 30_000
-"""How long a client that is silent gets back what it controlled, once it is heard again."""
+"""How long a silent client keeps its claim to the drones that it controlled, should its HEARTBEAT return."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Client:
 
 
 class Clients:
-    """Clients by when their HEARTBEAT came last. Times are milliseconds of the gateway's clock."""
+    """Clients by the time of their last HEARTBEAT. Times are milliseconds of the gateway's clock."""
 
     def __init__(self) -> None:
         self.controllers: dict[int, Client] = {}
@@ -40,27 +40,27 @@ class Clients:
             awaited.set_result(None)
 
     async def next_heartbeat(self, client: Client) -> None:
-        """Return when a client is heard; a cancellation ends this wait and no other one."""
+        """Return at a client's next HEARTBEAT; a cancellation ends this wait and no other one."""
         if client not in self._awaited:
             self._awaited[client] = asyncio.get_running_loop().create_future()
         await asyncio.wait({self._awaited[client]})
 
     def forget(self, now_ms: int) -> None:
-        """Those that have not been heard for long."""
+        """Drop the clients whose HEARTBEAT is older than REMEMBERED_MS."""
         self._heard_ms = {client: at for client, at in self._heard_ms.items() if now_ms - at <= REMEMBERED_MS}
         self.controllers = {drone: who for drone, who in self.controllers.items() if who in self._heard_ms}
 
     def is_alive(self, client: Client, now_ms: int) -> bool:
-        """Whether its HEARTBEAT is young enough to hold control by."""
+        """Whether its HEARTBEAT is recent enough for it to keep control."""
         return now_ms - self._heard_ms.get(client, -ALIVE_MS - 1) <= ALIVE_MS
 
     def others_controller(self, drone: int, client: Client, now_ms: int) -> Client | None:
-        """Another client that is alive and controls a drone."""
+        """The other client that is alive and controls a drone; None if there is none."""
         controller = self.controllers.get(drone)
         is_other = controller is not None and controller != client and self.is_alive(controller, now_ms)
         return controller if is_other else None
 
     def on_gone(self, peer: Peer) -> None:
-        """A socket was closed: its clients control nothing any more."""
+        """A socket was closed: its clients lose control."""
         self._heard_ms = {client: at_ms for client, at_ms in self._heard_ms.items() if client.peer is not peer}
         self.controllers = {drone: client for drone, client in self.controllers.items() if client.peer is not peer}

@@ -1,4 +1,4 @@
-"""Which client controls which drone, and with it this station (docs/gateway.md)."""
+"""Which client controls which drone, and thereby which drones this station controls (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .texts import send_text
 from .translation import NOT_NOW, Declined
 
 HEARTBEAT_S = 2.0
-"""How long a command waits for its client's HEARTBEAT: MAVSDK may send it up to a second after its first command."""
+"""How long a command waits for its client's HEARTBEAT: MAVSDK may send that up to 1 s after its first command."""
 READING_S = 10.0
 
 
 class ClientControl:
-    """Control of drones by clients; with `take_over` whoever commands takes it. Times are of the gateway's clock."""
+    """Clients' control of drones; with `take_over` any client that commands takes it. Times: the gateway's clock."""
 
     def __init__(self, station: GroundStation, clients: Clients, now_ms: Callable[[], int], take_over: bool) -> None:
         self._station = station
@@ -30,7 +30,7 @@ class ClientControl:
         self._read: defaultdict[int, set[object]] = defaultdict(set)
 
     async def heard(self, client: Client) -> None:
-        """Wait until a client shows that it is alive; raises Declined."""
+        """Wait for a HEARTBEAT of a client that is not alive; raises Declined without one."""
         if self._clients.is_alive(client, self._now_ms()):
             return
         try:
@@ -40,21 +40,21 @@ class ClientControl:
             raise Declined(f"no HEARTBEAT from system {client.system}: only who sends them controls") from None
 
     def check(self, client: Client, drone: Drone) -> None:
-        """Whether a client may command a drone; raises Declined."""
+        """Raises Declined if a client may not command a drone."""
         other = self._other(client, drone)
         if other is not None and not self._take_over:
             raise Declined(f"controlled by {other}")
 
     def has(self, client: Client, drone: Drone) -> bool:
-        """Whether a client has taken control of a drone, and nobody else has since."""
+        """Whether a client has control of a drone: no other has taken it since."""
         return self._clients.controllers.get(drone.number) == client
 
     @contextlib.asynccontextmanager
     async def reading(self, drone: Drone, armed: Armed | None) -> AsyncIterator[None]:
-        """Have control of a drone for as long as something is read from it; raises Declined.
+        """Have control of a drone while something is read from it; raises Declined.
 
-        Where no client has it, it is taken on the ground alone: in the air the autopilot has to notice that nobody is
-        there. So it is held for the reading no longer than until a client takes it.
+        Without a controlling client it is taken on the ground only: in the air the autopilot must notice that no client
+        is left. For the reading it is held at most until a client takes it.
         """
         readers, reader = self._read[drone.number], object()
         try:
@@ -70,7 +70,7 @@ class ClientControl:
             self.review(drone, armed)
 
     async def take(self, client: Client, drone: Drone, left_s: float) -> None:
-        """Have control of a drone for a client, within `left_s` seconds.
+        """Get control of a drone for a client, within `left_s` seconds.
 
         Raises Declined, and what `Drone.claim` and `Drone.take_over` raise.
         """
@@ -85,7 +85,7 @@ class ClientControl:
         await self._granted(drone, left_s)
 
     async def take_over(self, client: Client, drone: Drone, left_s: float) -> None:
-        """Take control for a client, whoever has it; another client of this gateway is told. Errors as `take`."""
+        """Take control for a client from any holder; another client of this gateway gets a text. Errors as `take`."""
         other = self._other(client, drone)
         if not drone.is_controlled:
             drone.claim()
@@ -96,12 +96,12 @@ class ClientControl:
             send_text(other.peer, drone.number, Severity.WARNING, f"control was taken by {client}")
 
     def give_up(self, client: Client, drone: Drone) -> None:
-        """A client does not want control any more."""
+        """A client gives up control."""
         if self._clients.controllers.get(drone.number) == client:
             self._give_up(drone)
 
     def review(self, drone: Drone, armed: Armed | None) -> None:
-        """Want control of a drone only while the client that has it is alive, or for a reading on the ground."""
+        """Claim a drone while its controlling client is alive, or for a reading on the ground; else release it."""
         if armed != Armed(False):
             self._read[drone.number].clear()
         controller = self._clients.controllers.get(drone.number)
@@ -112,14 +112,14 @@ class ClientControl:
             drone.release()
 
     def on_taken(self, drone: Drone, holder: str) -> None:
-        """Another station controls a drone now; its client is told, and does not get it back by waiting."""
+        """Another station controls a drone now: its client gets a text, and does not regain control by waiting."""
         controller = self._clients.controllers.get(drone.number)
         if controller is not None:
             self._give_up(drone)
             send_text(controller.peer, drone.number, Severity.WARNING, f"control was taken by the station {holder}")
 
     async def _granted(self, drone: Drone, left_s: float) -> None:
-        """Wait for control that is wanted; raises Declined."""
+        """Wait for control that was claimed; raises Declined."""
         try:
             await self._station.wait_until(lambda: drone.is_controlled or self._is_others(drone), left_s)
         except TimeoutError:

@@ -1,4 +1,4 @@
-"""Commands of clients from their first COMMAND_ACK to their last word (docs/gateway.md)."""
+"""Clients' commands, from their first COMMAND_ACK to their last word (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ from .translation import NOT_NOW, REQUEST_OPERATOR_CONTROL, Declined, Request, c
 from .uploads import Uploads
 
 UNANSWERED_MS = 10_000
-"""How long after the last moment at which a command may start its first word is waited for."""
+"""How long to wait for a command's first word after the last moment at which the command may start."""
 KEPT_MS = 10_000
 """How long a takeoff waits for its client to arm the drone."""
 ARMED_MS = 3000
-"""How long a completed arm counts for more than a state that says disarmed: its word may have come first."""
+"""How long a completed arm outweighs a state that says disarmed: the word may arrive before the state."""
 MOST_UNDER_WAY = 32
-"""Commands for one drone without a last word; those that halt it come beside them."""
+"""Commands for one drone without a last word; those that halt it are not limited."""
 _BY_THE_PLAN = (Arm, StartMission, Resume, SetCurrentItem)
-"""What a client commands because of the plan that it has uploaded."""
+"""Commands that rely on the plan that their client has uploaded."""
 _BESIDE = (*_BY_THE_PLAN, Takeoff, Stream, Mavlink)
-"""What does not revoke that; any other command of whoever controls the drone does."""
+"""Commands that do not revoke waiting ones of those; any other command of the controlling client does."""
 
 
 class Desk:
     """The commands of all clients, each followed by a task of `group`.
 
-    `view` gives what is known of a drone now, `now_ms` the time of the gateway's clock.
+    `view` returns what is known of a drone now, `now_ms` the time of the gateway's clock.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Desk:
         self._under_way = Counter[int]()
 
     def on_request(self, client: Client, drone: Drone, request: Request, confirmation: int, takeoff_m: float) -> None:
-        """A command that the drone has to carry out."""
+        """Carry out a client's command, or acknowledge a repeated one again."""
         view = self._view(drone)
         open_ones = [entry for entry in self._entries if entry.waits and entry.drone == drone.number]
         newest = self._newest.get(drone.number)
@@ -109,14 +109,14 @@ class Desk:
             entry.decline(declined, self._now_ms())
 
     def on_taken(self, drone: int) -> None:
-        """Another station controls a drone now: nothing that still waits takes it back."""
+        """Another station controls a drone now: revoke what still waits, so that it does not take the drone back."""
         self._newest.pop(drone, None)
         self._revoke(drone)
         if drone in self._kept:
             self._drop_kept(drone)
 
     def tick(self, now_ms: int) -> None:
-        """IN_PROGRESS for what waits, modes that have waited too long, and takeoffs that nobody armed for."""
+        """Send IN_PROGRESS for waiting commands; end unanswered ones, modes that waited too long, and kept takeoffs."""
         for entry in self._entries:
             is_silent = entry.waits and not entry.is_answered and not entry.is_kept
             if is_silent and now_ms > entry.asked_ms + self._ttl_s * 1000 + UNANSWERED_MS:
@@ -137,7 +137,7 @@ class Desk:
             self._drop_kept(number)
 
     def _kept_for(self, client: Client, drone: int, command: Command) -> Takeoff | None:
-        """The takeoff that an arm of the same client is followed by; any other command to fly gives it up."""
+        """The kept takeoff that follows an arm of the same client; any other command to fly gives it up."""
         kept = self._kept.get(drone)
         if kept is None or isinstance(command, Stream | Mavlink):
             return None
@@ -151,7 +151,7 @@ class Desk:
         send_text(client.peer, drone, Severity.WARNING, "takeoff given up: no arm followed it")
 
     def _forget(self, newest: Entry, now_ms: int) -> None:
-        """Of one command of one client only the newest is acknowledged: COMMAND_ACK cannot tell them apart."""
+        """Forget a client's older commands of the same MAV_CMD: COMMAND_ACK cannot tell them apart."""
         for entry in self._entries:
             if (entry.client, entry.drone, entry.request.mav_cmd) == (
                 newest.client,
@@ -162,7 +162,7 @@ class Desk:
         self._entries = [entry for entry in self._entries if entry.waits]
 
     async def _carry_out(self, entry: Entry, drone: Drone, command: Command) -> None:
-        """A command of a client that is alive; a takeoff that was kept follows an arm."""
+        """Carry out a command once its client is alive; a kept takeoff follows an arm."""
         try:
             with declining(entry, self._now_ms):
                 await self._control.heard(entry.client)
@@ -187,9 +187,9 @@ class Desk:
             await self._send(entry, drone, command)
 
     async def _comes_before_arming(self, entry: Entry, drone: Drone) -> bool:
-        """Whether a takeoff has to wait for an arm that has not come yet."""
+        """Whether a takeoff must wait for an arm that has not arrived yet."""
         if await self._behind_arming(entry, drone):
-            return False  # without an arming the drone says no
+            return False  # without an arm the drone denies it
         arming = self._armings.get(drone.number)
         armed_ms = None if arming is None else arming.completed_ms
         if armed_ms is not None and self._now_ms() - armed_ms <= ARMED_MS:
@@ -197,9 +197,9 @@ class Desk:
         return self._view(drone).get(Armed) == Armed(False)
 
     async def _behind_arming(self, entry: Entry, drone: Drone) -> bool:
-        """Wait for the end of its client's arm where a command comes right behind that; whether it did.
+        """Wait for the end of the client's arm if a command comes right after it; returns whether it waited.
 
-        Raises Declined where something else was commanded meanwhile.
+        Raises Declined if something else was commanded meanwhile.
         """
         arming = self._armings.get(drone.number)
         if arming is None or arming.client != entry.client or arming.is_over.is_set():
@@ -210,9 +210,9 @@ class Desk:
         return True
 
     async def _behind_ground_hold(self, entry: Entry, drone: Drone) -> None:
-        """Wait for the drone's word of a HOLD that its client was told is ACCEPTED; that is no part of `ttl_s`.
+        """Wait for the drone's word on a HOLD for which its client has ACCEPTED. This does not count in `ttl_s`.
 
-        Raises Declined where the drone has not accepted it: armed, it might fly its mission.
+        Raises Declined if the drone has not accepted it: armed, it might fly its mission.
         """
         hold = self._ground_holds.pop(drone.number, None)
         if hold is None or hold.ground_hold is None or hold.client != entry.client:
@@ -237,7 +237,7 @@ class Desk:
             await self._follow(entry, drone, following, last)
 
     async def _follow(self, entry: Entry, drone: Drone, takeoff: Takeoff, arming: Outcome | None) -> None:
-        """The takeoff behind its arming, unless that failed or something else was commanded meanwhile."""
+        """Send the takeoff after its arm, unless that failed or something else was commanded meanwhile."""
         if arming is None or not arming.completed:
             send_text(entry.client.peer, drone.number, Severity.WARNING, "takeoff given up: the drone is not armed")
         elif self._newest.get(drone.number) is not entry:
@@ -246,7 +246,7 @@ class Desk:
             await self._send(replace(entry, waits=False, asked_ms=self._now_ms()), drone, takeoff)
 
     async def _send(self, entry: Entry, drone: Drone, command: Command) -> Outcome | None:
-        """Send a command once this station controls the drone; its last word, None where it was not sent."""
+        """Send a command once this station controls the drone; returns its last word, None if it was not sent."""
         with declining(entry, self._now_ms):
             if isinstance(command, _BY_THE_PLAN):
                 await self._wait_for_plan(entry, drone)
@@ -262,9 +262,9 @@ class Desk:
         return None
 
     async def _wait_for_plan(self, entry: Entry, drone: Drone) -> None:
-        """Wait until the drone has what was uploaded for it; raises Declined where it has not, and then in the end.
+        """Wait until the drone has what was uploaded for it; raises Declined if it does not get it.
 
-        That time is no part of the command's: its client is alive, waits, and is told so every second.
+        This wait does not count in the command's time: its client is alive, waits, and gets IN_PROGRESS every second.
         """
         if self._uploads.is_pending(drone.number):
             what = name_of(entry.request.mav_cmd)
@@ -278,12 +278,12 @@ class Desk:
         self._uploads.check(entry.client, drone.number)
 
     def _revoke(self, drone: int) -> None:
-        """What waits for the plan is not wanted any more."""
+        """Revoke a drone's commands that wait for its plan."""
         for entry in self._entries:
             entry.is_revoked = entry.is_revoked or (entry.is_kept and entry.drone == drone)
 
     async def _change_control(self, entry: Entry, drone: Drone) -> None:
-        """MAV_CMD_REQUEST_OPERATOR_CONTROL: 1 takes control, whoever has it, 0 gives it up."""
+        """MAV_CMD_REQUEST_OPERATOR_CONTROL: 1 takes control from any holder, 0 gives it up."""
         with declining(entry, self._now_ms):
             await self._control.heard(entry.client)
             async with self._turns.setdefault(drone.number, asyncio.Lock()):
@@ -294,14 +294,14 @@ class Desk:
             entry.end(ACCEPTED, self._now_ms())
 
     def _keep(self, entry: Entry, command: Takeoff) -> None:
-        """QGroundControl arms once a takeoff is accepted; until then nothing is sent."""
+        """Accept a takeoff and keep it until the arm: QGroundControl arms only after that ACCEPTED."""
         self._kept[entry.drone] = KeptTakeoff(entry.client, command, self._now_ms() + KEPT_MS)
         text = f"takeoff to {command.altitude_m:g} m waits {KEPT_MS // 1000} s for arm"
         send_text(entry.client.peer, entry.drone, Severity.NOTICE, text)
         entry.end(ACCEPTED, self._now_ms())
 
     def _left_s(self, entry: Entry) -> float:
-        """Seconds within which a command must still start: waiting for control counts; raises Declined at the end."""
+        """The seconds that are left to start a command, waiting for control included; raises Declined when none is."""
         left_s = self._ttl_s - (self._now_ms() - entry.asked_ms) / 1000
         if left_s <= 0:
             raise Declined(f"{name_of(entry.request.mav_cmd)}: no control in time, not sent", NOT_NOW)

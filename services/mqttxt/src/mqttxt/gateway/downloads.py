@@ -1,4 +1,4 @@
-"""Plans from drones to clients: out of the gateway's copy, which is read from the drone where there is none."""
+"""Plans from drones to clients: from the gateway's copy or, where there is none, from the drone."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .uploads import Uploads
 
 READ_S = 120.0
 KEPT_MS = 60_000
-"""How long a client may leave a list that it has begun to read: longer than any asks for an item again."""
+"""How long a client may pause in a list that it reads: longer than any client repeats a request for an item."""
 
 
 @dataclass
 class _Reading:
-    """A list as one client reads it, whatever becomes of the drone's meanwhile."""
+    """The list that one client reads, even if the drone's changes meanwhile."""
 
     items: Items
     asked_ms: int
@@ -63,7 +63,7 @@ class Downloads:
         self._askers: dict[int, set[_Asker]] = {}
 
     def on_list(self, client: Client, drone: Drone, kind: PlanList) -> None:
-        """MISSION_REQUEST_LIST: the count, at once where the list is known; a client that asks again waits on."""
+        """MISSION_REQUEST_LIST: send the count, at once if the list is known; a client that asks again waits on."""
         asker, waiting = _Asker(client, kind), self._askers.get(drone.number)
         if waiting is not None:
             waiting.add(asker)
@@ -74,7 +74,7 @@ class Downloads:
             self._answer(asker, drone)
 
     def on_request(self, client: Client, drone: Drone, kind: PlanList, seq: int, as_int: bool) -> None:
-        """MISSION_REQUEST_INT or MISSION_REQUEST: the item, of the list whose count the client had."""
+        """MISSION_REQUEST_INT or MISSION_REQUEST: send the item of the list whose count the client got."""
         reading = self._readings.get((client, drone.number, kind))
         if reading is None or seq >= len(reading.items):
             _acknowledge(client, drone, kind, mavlink.MAV_MISSION_INVALID_SEQUENCE)
@@ -84,11 +84,11 @@ class Downloads:
         client.peer.send(drone.number, item_message(reading.items[seq], target, seq, kind, as_int))
 
     def tick(self, now_ms: int) -> None:
-        """Lists that nobody reads on."""
+        """Drop the lists that their clients no longer read."""
         self._readings = {key: one for key, one in self._readings.items() if now_ms - one.asked_ms <= KEPT_MS}
 
     async def _read(self, drone: Drone) -> None:
-        """The lists that are waited for, behind what is being uploaded; those that are not known from the drone."""
+        """Answer the waiting clients after pending uploads; lists that are not known are read from the drone."""
         error: Declined | MqttxtError | None = None
         try:
             await self._uploads.settled(drone.number)
@@ -109,7 +109,7 @@ class Downloads:
                 send_text(asker.client.peer, drone.number, Severity.WARNING, f"{asker.kind.label} not read: {error}")
 
     def _answer(self, asker: _Asker, drone: Drone) -> None:
-        """The count of a list that is known; its client knows now what the drone has."""
+        """Send the count of a known list; by it the client learns what the drone has, which settles a failed upload."""
         client, kind = asker.client, asker.kind
         items = client_list(self._copies.get(drone.number, kind) or (), kind, self._view(drone))
         self._readings[client, drone.number, kind] = _Reading(items, self._now_ms())

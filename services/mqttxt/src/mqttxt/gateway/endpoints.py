@@ -1,4 +1,4 @@
-"""Where MAVLink clients are: UDP ports that they listen on, and TCP connections that they make."""
+"""The sockets of MAVLink clients: UDP ports on which they listen, and TCP connections that they open."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ logger = logging.getLogger("mqttxt.gateway")
 
 MOST_CONNECTIONS = 32
 MOST_UNSENT = 256 * 1024
-"""Bytes that wait for a client that does not read; then its connection is closed."""
+"""The unsent bytes above which the connection of a client that does not read is closed."""
 _READ_BYTES = 65_536
 
 
 @dataclass(frozen=True)
 class ClientAddress:
-    """`udp:HOST:PORT`, where a client listens, or `tcp:HOST:PORT`, where the gateway does."""
+    """`udp:HOST:PORT`, on which a client listens, or `tcp:HOST:PORT`, on which the gateway does."""
 
     kind: str
     host: str
@@ -34,7 +34,7 @@ class ClientAddress:
 
     @classmethod
     def parse(cls, text: str, kind: str, option: str, insecure: bool) -> ClientAddress:
-        """Raises ConfigurationError for no address of this kind, and for another machine's unless `insecure`."""
+        """Raises ConfigurationError if it is no address of this kind, or another machine's without `insecure`."""
         found, _, rest = text.partition(":")
         host, _, number = rest.rpartition(":")
         port = whole_number(number, 65_535)
@@ -81,7 +81,7 @@ OnMessage = Callable[[Peer, Any], None]
 
 
 class Endpoints:
-    """The sockets of one gateway; `peers` are those that vehicles are shown to."""
+    """The sockets of one gateway; `peers` are those at which vehicles are shown."""
 
     def __init__(self, on_message: OnMessage, on_gone: Callable[[Peer], None]) -> None:
         self.peers: list[Peer] = []
@@ -137,7 +137,7 @@ class Endpoints:
             self.peers.append(peer)
             frames, clock, is_first = StreamFrames(), asyncio.get_running_loop(), True
             while data := await reader.read(_READ_BYTES):
-                if is_first and data[0] not in MAGIC:  # a page of any site makes its browser send here what it likes
+                if is_first and data[0] not in MAGIC:  # a web page can make its browser send anything here
                     logger.warning("%s: refused; it does not begin with a MAVLink frame", peer.name)
                     return
                 is_first = False
@@ -145,7 +145,7 @@ class Endpoints:
                     if not isinstance(found, Malformed):
                         self._on_message(peer, found)
         except (ConnectionError, asyncio.CancelledError):
-            pass  # the client has gone, or the gateway goes
+            pass  # the client has gone, or the gateway stops
         finally:
             writer.transport.abort()
             self._serving.discard(task)
@@ -163,7 +163,7 @@ def _write(writer: asyncio.StreamWriter, packet: bytes) -> None:
 
 
 class _Datagrams(asyncio.DatagramProtocol):
-    """A socket that is connected to one address: it hears nobody else. While nobody listens there, packets are lost."""
+    """A socket connected to one address: it receives from no other. While nothing listens there, packets are lost."""
 
     peer: Peer
 

@@ -1,4 +1,4 @@
-"""A client's command as it is acknowledged, from its first COMMAND_ACK to the last, and when it is the same again."""
+"""A client's command from its first COMMAND_ACK to its last, and how repetitions of it are recognised."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ CANCELLED = 6
 """MAV_RESULT_CANCELLED, which pymavlink's common dialect does not have."""
 PERCENT_UNKNOWN = 255
 FIRST_PROGRESS_MS, PROGRESS_MS = 400, 1000
-"""MAVSDK sends again after 500 ms without an answer, and gives up after 3 s without a newer one, as QGroundControl."""
+"""MAVSDK repeats after 500 ms without an answer, and gives up after 3 s without a newer one, as QGroundControl does."""
 MODE_PATIENCE_MS = 1700
-"""How long a mode may wait for a plan: MAVSDK takes silence for an error after 2 s."""
+"""How long a change of mode may wait for a plan: MAVSDK takes silence for an error after 2 s."""
 GROUND_HOLD_MS = 1000
-"""How long a disarmed drone may take for HOLD before its client is told ACCEPTED.
+"""How long a disarmed drone may take to accept HOLD before its client gets ACCEPTED anyway.
 
-MAVSDK's `arm()` enters HOLD first where the drone was in a mission or returned. Of a HOLD that is not accepted within
-2 s it has two results, the hold's and the arm's, and the second one is written to where the call has returned from.
+MAVSDK's `arm()` enters HOLD first where the drone was in a mission or returned. For a HOLD that is not accepted within
+2 s it reports two results, the hold's and the arm's, and writes the second to a call that has returned.
 """
 REPEAT_MS, NUMBERED_REPEAT_MS = 1000, 10_000
-"""How long after its end a command that comes again is a repetition; the latter where its `confirmation` says so."""
+"""How long after its end a command counts as repeated; the latter where `confirmation` marks a repetition."""
 
 RESULTS: Final[dict[Word, int | None]] = {
     Word.COMPLETED: ACCEPTED,
@@ -46,7 +46,7 @@ RESULTS: Final[dict[Word, int | None]] = {
     Word.UNREACHABLE: NOT_NOW,
     Word.OVERTAKEN: CANCELLED,
     Word.SUPERSEDED: CANCELLED,
-    Word.UNCONFIRMED: None,  # nobody knows: any result would say more, and the client's own time-out says so
+    Word.UNCONFIRMED: None,  # the outcome is unknown, and any result would say more than the client's own time-out
 }
 SEVERITIES: Final = {
     Word.COMPLETED: Severity.INFO,
@@ -56,21 +56,21 @@ SEVERITIES: Final = {
 
 
 def is_quiet(request: Request, command: Command) -> bool:
-    """Whether a command is never in progress: MAVSDK's library does not survive that of these modes.
+    """Whether a command never gets IN_PROGRESS: MAVSDK's library does not survive that for these modes.
 
-    The first word of `start_mission()` and `pause_mission()` is their result, IN_PROGRESS too, and the next one is
-    written to where the call has already returned from. An `arm()` that enters HOLD first has failed by it, and arms.
+    `start_mission()` and `pause_mission()` take the first word as their result, even IN_PROGRESS, and write the next
+    one to a call that has returned. An `arm()` that enters HOLD first reports failure by it, and arms.
     """
     return request.mav_cmd == mavlink.MAV_CMD_DO_SET_MODE and isinstance(command, Hold | StartMission | Resume)
 
 
 @dataclass
 class Entry:
-    """A command of a client; `result` is None until it is acknowledged for good. It `waits` for an acknowledgement.
+    """A command of a client; `result` is None until the final acknowledgement, for which it `waits`.
 
-    `is_quiet`: it is never in progress. `is_declined`: it was told a definite no. `is_kept`: it is not sent before the
-    drone has its client's plan. `is_revoked`: nor after that. `ground_hold`: of a HOLD before arming, whether the drone
-    has accepted it, once that is known.
+    `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a definite no. `is_kept`: it waits until the drone has its
+    client's plan. `is_revoked`: it is not sent after that wait either. `ground_hold`: for a HOLD before arming, the
+    future of whether the drone accepts it.
     """
 
     client: Client
@@ -90,25 +90,25 @@ class Entry:
     ended_ms: int = 0
 
     def repeat(self) -> None:
-        """Acknowledge it once more."""
+        """Repeat its acknowledgement."""
         if self.waits:
             self.progress()
         elif self.result is not None:
             self.acknowledge(self.result)
 
     def progress(self) -> None:
-        """IN_PROGRESS, where that may be said of it."""
+        """Send IN_PROGRESS, unless the command is quiet."""
         if not self.is_quiet:
             self.acknowledge(IN_PROGRESS, self.percent)
 
     def is_repeated(self, client: Client, request: Request, confirmation: int, now_ms: int) -> bool:
-        """Whether a command is this one once more."""
+        """Whether a request is a repetition of this command."""
         if (client, request) != (self.client, self.request):
             return False
         return self.waits or now_ms - self.ended_ms <= (NUMBERED_REPEAT_MS if confirmation else REPEAT_MS)
 
     def hear(self, command: Command, outcome: Outcome, now_ms: int) -> None:
-        """A word of the drone about it."""
+        """Take a word of the drone about it."""
         self.is_answered = True
         if outcome.word is Word.ACCEPTED or outcome.completed:
             self.settle(True)
@@ -124,7 +124,7 @@ class Entry:
                 send_text(self.client.peer, self.drone, severity, text)
 
     def decline(self, declined: Declined, now_ms: int) -> None:
-        """A definite no; there is only one."""
+        """Send a definite no, once."""
         if self.is_declined:
             return
         self.is_declined = True
@@ -132,7 +132,7 @@ class Entry:
         send_text(self.client.peer, self.drone, Severity.WARNING, str(declined))
 
     def end(self, result: int | None, now_ms: int) -> None:
-        """Acknowledge it for good, once; without a result it is not acknowledged any more."""
+        """Send the final acknowledgement, once; with None as result it gets none."""
         if not self.waits:
             return
         self.waits, self.result, self.ended_ms = False, result, now_ms
@@ -140,18 +140,18 @@ class Entry:
             self.acknowledge(result)
 
     def settle(self, is_accepted: bool) -> None:
-        """What has become of a HOLD before arming, once."""
+        """Note, once, whether the drone accepted a HOLD before arming."""
         if self.ground_hold is not None and not self.ground_hold.done():
             self.ground_hold.set_result(is_accepted)
 
     def acknowledge(self, result: int, percent: int = 0) -> None:
-        """COMMAND_ACK."""
+        """Send COMMAND_ACK."""
         acknowledge(self.client, self.drone, self.request, result, percent)
 
 
 @dataclass(frozen=True)
 class KeptTakeoff:
-    """A takeoff that came before its arming."""
+    """A takeoff that arrived before its arm."""
 
     client: Client
     command: Takeoff
@@ -160,7 +160,7 @@ class KeptTakeoff:
 
 @dataclass
 class Arming:
-    """The newest arm of a drone, until and after its end. `completed_ms`: when it was completed, None if it was not."""
+    """The newest arm of a drone, also after its end. `completed_ms`: when it was completed, None if it was not."""
 
     client: Client
     is_over: asyncio.Event
@@ -169,7 +169,7 @@ class Arming:
 
 @contextlib.contextmanager
 def declining(entry: Entry, now_ms: Callable[[], int]) -> Iterator[None]:
-    """What keeps a command from being sent is its definite no; where the station ends nobody knows."""
+    """Answer an error that prevents sending by a definite no; where the station ends the outcome is not known."""
     try:
         yield
     except Declined as declined:
@@ -183,7 +183,7 @@ def declining(entry: Entry, now_ms: Callable[[], int]) -> Iterator[None]:
 
 
 def acknowledge(client: Client, drone: int, request: Request, result: int, percent: int = 0) -> None:
-    """COMMAND_ACK to whoever asked, and to nobody else; a message of its own has none."""
+    """Send COMMAND_ACK to the client that asked, and to no other; a request that was a message of its own gets none."""
     if request.is_message:
         return
     who = (client.system, client.component)

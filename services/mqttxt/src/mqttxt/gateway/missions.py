@@ -1,4 +1,4 @@
-"""MAVLink's mission protocol as clients speak it: what is an upload's, what a download's (docs/gateway.md)."""
+"""MAVLink's mission protocol with clients: passes each message to uploads or downloads (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _PARTIAL = "a part of a list is not uploaded: upload the whole list"
 
 
 class Missions:
-    """The messages of the mission protocol from all clients."""
+    """Handles the mission protocol's messages from all clients."""
 
     def __init__(self, uploads: Uploads, downloads: Downloads) -> None:
         self._uploads = uploads
         self._downloads = downloads
 
     def on_message(self, client: Client, drone: Drone, message: Any) -> None:
-        """One of MESSAGES."""
+        """Handle one of MESSAGES."""
         name, number = message.get_type(), message.mission_type
         kinds = list(PlanList) if name == "MISSION_CLEAR_ALL" and number == mavlink.MAV_MISSION_TYPE_ALL else None
         if kinds is None and number not in list(PlanList):
@@ -56,7 +56,7 @@ class Missions:
             self._refuse(client, drone, kind, _PARTIAL)
 
     def tick(self, now_ms: int) -> None:
-        """What is due."""
+        """Do what is due in uploads and downloads."""
         self._uploads.tick(now_ms)
         self._downloads.tick(now_ms)
 

@@ -1,4 +1,4 @@
-"""Flight modes as clients have them, and the commands that lead to them."""
+"""Flight modes as MAVLink clients name them, and the commands that lead to them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BY_ITSELF = mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_E
 _COMMANDS: Final[dict[int, dict[FlightModeName, Command]]] = {
     PX4: {FlightModeName.HOLD: Hold(), FlightModeName.LAND: Land(), FlightModeName.RETURN: Return()},
     ARDUPILOT: {
-        # GUIDED without a position is to stay: takeoff and goto enter it by themselves.
+        # GUIDED without a position means to stay: takeoff and goto enter the mode themselves.
         FlightModeName.GUIDED: Hold(),
         FlightModeName.BRAKE: Hold(),
         FlightModeName.LAND: Land(),
@@ -45,7 +45,7 @@ def custom_mode(autopilot: int, mode: FlightModeName) -> int | None:
 
 
 def base_mode(autopilot: int, mode: FlightModeName, armed: bool) -> int:
-    """HEARTBEAT.base_mode: armed or not, and for PX4 whether it flies by itself, by which clients name its modes."""
+    """HEARTBEAT.base_mode: armed or not, and for PX4 whether it flies itself, by which clients name its modes."""
     flags = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
     if custom_mode(autopilot, mode) is None:
         return int(flags)
@@ -56,12 +56,12 @@ def base_mode(autopilot: int, mode: FlightModeName, armed: bool) -> int:
 
 
 def command_for(autopilot: int, mode: FlightModeName) -> Command | None:
-    """The command that leads to a mode, None where there is none."""
+    """The command that leads to a mode; None if there is none."""
     return _COMMANDS.get(autopilot, {}).get(mode)
 
 
 def commandable(autopilot: int) -> str:
-    """The modes that there are commands for; MISSION's names the mission."""
+    """The names of the modes that have a command; MISSION's command names the mission."""
     modes = _COMMANDS.get(autopilot, {})
     return ", ".join(mode.name for mode in (*modes, *([FlightModeName.MISSION] if modes else []))) or "none"
 

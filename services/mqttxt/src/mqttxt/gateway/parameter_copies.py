@@ -1,4 +1,4 @@
-"""What the gateway knows of each drone's parameters, and how clients are shown it (docs/gateway.md)."""
+"""The gateway's copies of the drones' parameters, and how clients see them (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..protocol.parameters import Parameter, ParameterSet, ParameterType
 from ..station.parameters import Parameters
 
 TAKEOFF_ALTITUDE: Final = "MIS_TAKEOFF_ALT"
-"""Metres above home of a takeoff that names none. It is the gateway's, not the autopilot's."""
+"""The parameter of the altitude, in metres above home, of a takeoff that names none. It is the gateway's own."""
 TAKEOFF_M, LOWEST_M, HIGHEST_M = 10.0, 0.5, 10_000.0
 FRESH_MS = 60_000
-"""How long a set counts as the drone's after it was read."""
+"""How long after it was read a set counts as the drone's."""
 UNKNOWN = 2**16 - 1
-"""PARAM_VALUE's number of parameters where that is not known, and a place outside of the list."""
+"""In PARAM_VALUE, an unknown number of parameters, and a place outside of the list."""
 
 
 class Shown:
-    """Parameters in the order in which clients have them, with their places; all messages are PARAM_VALUE."""
+    """Parameters in the order and with the places that clients see; all messages are PARAM_VALUE."""
 
     def __init__(self, parameters: ParameterSet, autopilot: Autopilot) -> None:
         self.autopilot = autopilot
@@ -47,13 +47,13 @@ class Shown:
         return value_message(one, value, len(self), place)
 
     def named(self, name: str) -> Any | None:
-        """The parameter of a name; None where there is none."""
+        """The parameter with a name; None if there is none."""
         place = self._places.get(name)
         return None if place is None else self.at(place)
 
     @cached_property
     def hash(self) -> Any | None:
-        """PX4's own hash of what is shown; None for an autopilot without one, and where no float carries it."""
+        """PX4's own hash of these parameters; None for an autopilot without one, or if no float can carry it."""
         number = self.autopilot.hash_check(self._parameters)
         if number is None:
             return None
@@ -63,7 +63,7 @@ class Shown:
 
 
 class ParameterCopies:
-    """The sets of all drones by their numbers, and the parameter that is the gateway's own."""
+    """The parameter sets of all drones by their numbers, and the gateway's own parameter."""
 
     def __init__(self) -> None:
         self._sets: dict[int, Parameters] = {}
@@ -74,30 +74,30 @@ class ParameterCopies:
         self._set_since: dict[int, dict[str, Parameter]] = {}
 
     def begin(self, drone: int) -> None:
-        """The drone's set is asked for: it may come with values from before any that is set from now on."""
+        """Begin to read the drone's set: it may have older values of parameters that are set from now on."""
         self._set_since[drone] = {}
 
     def changes(self, drone: int) -> int:
-        """A number that is another one once a drone's set may be."""
+        """A counter that rises whenever a drone's set may have changed."""
         return self._changes[drone]
 
     def last(self, drone: int) -> Parameters | None:
-        """The set as it was read last, however old that is."""
+        """The set that was read last, however old it is."""
         return self._sets.get(drone)
 
     def is_fresh(self, drone: int, now_ms: int) -> bool:
-        """Whether the set counts as the drone's."""
+        """Whether the set is recent enough to count as the drone's."""
         return now_ms - self._read_ms.get(drone, -FRESH_MS - 1) <= FRESH_MS
 
     def put(self, drone: int, parameters: Parameters, now_ms: int) -> None:
-        """The drone has these, but for what was set since they were asked for."""
+        """Store a set that was read, with the values that were set since reading began."""
         self._sets[drone], self._read_ms[drone] = parameters, now_ms
         self._shown.pop(drone, None)
         for wanted in self._set_since.pop(drone, {}).values():
             self._replace(drone, wanted)
 
     def fold(self, drone: int, wanted: Parameter) -> None:
-        """The drone has read back a value that was set, in the type that the parameter has there."""
+        """Enter a value that was set and that the drone has read back, in the type that the copy has."""
         self._changes[drone] += 1
         if drone in self._set_since:
             self._set_since[drone][wanted.name] = wanted
@@ -110,25 +110,25 @@ class ParameterCopies:
             return
         try:
             now = Parameter(wanted.name, before.type, wanted.value)
-        except PayloadError:  # what was read before was another firmware's
+        except PayloadError:  # the copy is of another firmware
             self.forget(drone)
             return
         self._sets[drone] = Parameters(known.content.with_one(now))
         self._shown.pop(drone, None)
 
     def forget(self, drone: int) -> None:
-        """The drone may have others; what was read stays, so that only what has changed need be carried."""
+        """The drone may have other values. The copy stays, so that only changes need to be transferred."""
         self._changes[drone] += 1
         self._read_ms.pop(drone, None)
         if drone in self._set_since:
             self.begin(drone)
 
     def takeoff_m(self, drone: int) -> float:
-        """How high a takeoff goes that names no altitude, in metres above home."""
+        """The altitude of a takeoff that names none, in metres above home."""
         return self._takeoff_m.get(drone, TAKEOFF_M)
 
     def set_takeoff(self, drone: int, altitude_m: float) -> bool:
-        """Whether that can be."""
+        """Set that altitude; returns whether it is valid."""
         is_good = LOWEST_M <= altitude_m <= HIGHEST_M
         if is_good:
             self._takeoff_m[drone] = altitude_m
@@ -136,7 +136,7 @@ class ParameterCopies:
         return is_good
 
     def shown(self, drone: int, autopilot: Autopilot) -> Shown:
-        """What was read last, with the gateway's own."""
+        """The set that was read last, with the gateway's own parameter."""
         shown = self._shown.get(drone)
         if shown is None or shown.autopilot is not autopilot:
             known = self._sets.get(drone)
@@ -149,16 +149,16 @@ class ParameterCopies:
         return Parameter(TAKEOFF_ALTITUDE, ParameterType.REAL32, self.takeoff_m(drone))
 
     def own_alone(self, drone: int, autopilot: Autopilot) -> Shown:
-        """A list of that one, where no other is known."""
+        """A list of the gateway's own parameter alone, where no other is known."""
         return Shown(ParameterSet.of([self.own(drone)]), autopilot)
 
     def message(self, drone: int, autopilot: Autopilot, one: Parameter) -> Any:
-        """PARAM_VALUE of a parameter that holds now, in its place; before a set was read no place is known."""
+        """PARAM_VALUE of a parameter's present value, in its place; before a set was read no place is known."""
         known = self.shown(drone, autopilot).named(one.name) if drone in self._sets else None
         if known is not None:
             return known
         value = carried(one, autopilot.bytewise)
-        return value_message(one, math.nan if value is None else value, UNKNOWN, 0)  # MAVSDK hears none without a place
+        return value_message(one, math.nan if value is None else value, UNKNOWN, 0)  # MAVSDK needs a place
 
 
 def value_message(one: Parameter, value: float, count: int, place: int) -> Any:

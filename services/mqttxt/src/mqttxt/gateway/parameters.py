@@ -1,4 +1,4 @@
-"""MAVLink's parameter protocol as clients speak it, answered from the gateway's copy (docs/gateway.md)."""
+"""MAVLink's parameter protocol with clients, answered from the gateway's copy (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from .translation import Declined
 MESSAGES: Final = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
 READ_S = 120.0
 READINGS = 3
-"""How often a set is asked for in which something has changed while it was carried."""
+"""How often a set is read at most, if it changes while it is transferred."""
 MOST_WAITING, MOST_LISTS = 256, 64
-"""Questions that wait for one drone's set, and lists that are being sent; clients repeat what is lost."""
+"""Limits of requests that wait for one drone's set, and of lists being sent; clients repeat what is lost."""
 PER_TICK = 20
-"""Parameters that lists share at a time: 400 per second, which no client's buffer is too small for."""
+"""Parameters that all lists together send per tick: 400 per second, which fits every client's buffer."""
 
 
 @dataclass(frozen=True)
 class _Question:
-    """A client's question for a parameter by its name or place; for all without both."""
+    """A client's request for a parameter by its name or place; without both, for all."""
 
     client: Client
     name: str = ""
@@ -47,14 +47,14 @@ class _Question:
 
 @dataclass
 class _List:
-    """A list on its way to a client; `place` comes next. What is set meanwhile is sent as it is then."""
+    """A list that is being sent to a client, next at `place`. A value set meanwhile is sent as it is then."""
 
     shown: Shown
     place: int = 0
 
 
 class ClientParameters:
-    """The questions of all clients; reading from a drone is a task of `group`. Times are of the gateway's clock."""
+    """The requests of all clients; reading from a drone is a task of `group`. Times are of the gateway's clock."""
 
     def __init__(
         self,
@@ -76,13 +76,13 @@ class ClientParameters:
         self._told_ms: dict[tuple[Client, int], int] = {}
 
     def on_message(self, client: Client, drone: Drone, message: Any) -> None:
-        """One of MESSAGES; of a drone whose autopilot is not known, nothing is."""
+        """Handle one of MESSAGES; it is ignored while the kind of the drone's autopilot is not known."""
         autopilot, kind = self._autopilot(drone), message.get_type()
         if autopilot is None:
             return
         if kind == "PARAM_REQUEST_LIST":
             self._ask(_Question(client), drone, autopilot)
-        elif kind == "PARAM_SET" and message.param_id == HASH_CHECK:  # as QGroundControl says that it has them already
+        elif kind == "PARAM_SET" and message.param_id == HASH_CHECK:  # QGroundControl's sign that it has them already
             self._lists.pop((client, drone.number), None)
         elif kind == "PARAM_SET":
             self._settings.on_set(client, drone, autopilot, message)
@@ -92,7 +92,7 @@ class ClientParameters:
             self._ask(_Question(client, message.param_id), drone, autopilot)
 
     def tick(self, now_ms: int) -> None:
-        """What is sent on of lists."""
+        """Send the next parameters of each list."""
         self._settings.tick(now_ms)
         self._told_ms = {told: at for told, at in self._told_ms.items() if now_ms - at < TEXT_MS}
         share = max(1, PER_TICK // max(1, len(self._lists)))
@@ -111,7 +111,7 @@ class ClientParameters:
         return None if airframe is None else AUTOPILOTS.get(airframe.autopilot)
 
     def _ask(self, question: _Question, drone: Drone, autopilot: Autopilot) -> None:
-        """An answer at once where the set is known; else it is read, once for all who ask meanwhile."""
+        """Answer at once if the set is known; else read it, once for all clients that ask meanwhile."""
         number, waiting = drone.number, self._waiting.get(drone.number)
         if question.name == TAKEOFF_ALTITUDE:
             question.client.peer.send(number, self._copies.message(number, autopilot, self._copies.own(number)))
@@ -125,7 +125,7 @@ class ClientParameters:
             self._group.create_task(self._read(drone, autopilot))
 
     async def _read(self, drone: Drone, autopilot: Autopilot) -> None:
-        """The set from the drone, or what has changed in it since it was read."""
+        """Read the set from the drone, or the changes since the last reading, and answer the waiting clients."""
         error: Declined | MqttxtError | None = None
         try:
             async with self._control.reading(drone, self._view(drone).get(Armed)):
@@ -139,7 +139,7 @@ class ClientParameters:
                 self._excuse(question, drone.number, autopilot, error)
 
     async def _fetch(self, drone: Drone) -> None:
-        """Until nothing has changed while it was carried; where it always does, the set counts for one answer."""
+        """Read until nothing changed during the transfer; a set that always changes counts for one answer."""
         for _ in range(READINGS):
             changes = self._copies.changes(drone.number)
             self._copies.begin(drone.number)
@@ -168,7 +168,7 @@ class ClientParameters:
         client.peer.send(drone, found)
 
     def _excuse(self, question: _Question, drone: int, autopilot: Autopilot, why: Exception) -> None:
-        """A list of the gateway's own parameter alone: without one QGroundControl loads nothing else either."""
+        """Answer with the gateway's own parameter alone: without any list QGroundControl loads nothing else either."""
         client = question.client
         if question.is_for_all:
             self._begin_list(client, drone, self._copies.own_alone(drone, autopilot))

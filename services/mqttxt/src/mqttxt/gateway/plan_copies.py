@@ -1,4 +1,4 @@
-"""What the gateway knows of each drone's plan: the lists that were uploaded or read, until they may be others."""
+"""The gateway's copies of the drones' plans: uploaded or read lists, until they may have changed."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ class PlanCopies:
         self._named: dict[int, bytes] = {}
 
     def get(self, drone: int, kind: PlanList) -> Items | None:
-        """A list as the drone has it; None where that is not known."""
+        """A list as the drone has it; None if it is not known."""
         return self._lists.get(drone, {}).get(kind)
 
     def put(self, drone: int, lists: Mapping[PlanList, Items]) -> None:
-        """The drone has these lists: they were read from it, or it has verified them."""
+        """Store lists that were read from the drone, or that it has verified."""
         self._lists.setdefault(drone, {}).update(lists)
         self.name(drone, lists)
 
     def name(self, drone: int, lists: Mapping[PlanList, Items]) -> None:
-        """The mission that clients mean from now on, whether or not the drone has it."""
+        """Note the mission that clients mean from now on, whether or not the drone has it."""
         if PlanList.MISSION in lists:
             self._named[drone] = list_hash(lists[PlanList.MISSION])
 
     def mission(self, drone: int) -> bytes | None:
-        """What names the mission that clients mean: uploaded or read last, however old that is."""
+        """The hash of the mission that clients mean: the last one uploaded or read, however old."""
         return self._named.get(drone)
 
     def forget(self, drone: int) -> None:
-        """The lists may be others. What clients mean stays: the drone says where that is another mission."""
+        """Drop the lists, which may have changed. The mission that clients mean stays: the drone refuses another."""
         self._lists.pop(drone, None)
 
     def disown(self, drone: int) -> None:
-        """An upload was not taken: nobody means its mission any more."""
+        """An upload failed: drop the lists, and the mission that clients meant."""
         self.forget(drone)
         self._named.pop(drone, None)
 
     def on_state(self, drone: int, state: State) -> None:
-        """A mission or a fence that is not the copy was uploaded by somebody else, or has not been read anew."""
+        """Drop the copies if a mission or fence differs: another client uploaded it, or it has not been read again."""
         if isinstance(state, Mission):
             kind, found = PlanList.MISSION, state.mission
         elif isinstance(state, Fence):

@@ -1,4 +1,4 @@
-"""A plan's items as MAVLink clients send and read them, and what is wrong with them (docs/gateway.md)."""
+"""A plan's items as MAVLink clients send and read them, and the checks of them (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _INT_FRAMES: Final = {
     int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT): int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT),
     int(mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT): int(mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT),
 }
-"""Frames of MISSION_ITEM_INT, by which MAVSDK knows a height above home; the plan has the others."""
+"""The frames of MISSION_ITEM_INT, by which MAVSDK recognises a height above home; the plan has the others."""
 _PLAIN_FRAMES: Final = {one: other for other, one in _INT_FRAMES.items()}
 _COMMANDS: Final[dict[PlanList, frozenset[int]]] = {
     PlanList.MISSION: frozenset(mavlink.enums["MAV_CMD"]),
@@ -32,7 +32,7 @@ _DEGREES = 1e7
 
 
 class WrongItem(Exception):
-    """A list that is not taken: its `result` for MISSION_ACK, and what people are told."""
+    """A list that is refused, with its `result` for MISSION_ACK; the message is for people."""
 
     def __init__(self, result: int, text: str) -> None:
         super().__init__(text)
@@ -40,18 +40,18 @@ class WrongItem(Exception):
 
 
 def home_items(kind: PlanList, view: View) -> int:
-    """How many items a client's list has in front of the plan's own: with ArduPilot home is item 0 of a mission."""
+    """How many items precede the plan's own in a client's list: with ArduPilot home is item 0 of a mission."""
     return view.home_items if kind is PlanList.MISSION else 0
 
 
 def check_count(count: int, kind: PlanList) -> None:
-    """Raises WrongItem for more items than a list has room for."""
+    """Raises WrongItem if a list has no room for that many items."""
     if count > MOST_ITEMS:
         raise WrongItem(mavlink.MAV_MISSION_NO_SPACE, f"{kind.label}: expected at most {MOST_ITEMS} items, got {count}")
 
 
 def item_from(message: Any, kind: PlanList, number: int) -> PlanItem:
-    """The plan's item in a MISSION_ITEM_INT or MISSION_ITEM, which is item `number`; raises WrongItem."""
+    """The plan's item in a MISSION_ITEM_INT or MISSION_ITEM, as item `number`; raises WrongItem."""
     frame = _PLAIN_FRAMES.get(message.frame, message.frame)
     is_placed = frame in _INT_FRAMES
     if not is_placed and (frame != _NO_PLACE or kind is not PlanList.MISSION):
@@ -89,7 +89,7 @@ def _check_place(message: Any, kind: PlanList, number: int, is_placed: bool) -> 
 
 
 def plan_list(items: Items, kind: PlanList, before: int) -> Items:
-    """The plan's list of a client's items, behind `before` others; raises WrongItem for what does not fit together."""
+    """The plan's list of a client's items, which `before` others precede; raises WrongItem for inconsistent items."""
     if kind is PlanList.FENCE:
         _check_polygons(items)
     out, last = [], before + len(items) - 1
@@ -104,7 +104,7 @@ def plan_list(items: Items, kind: PlanList, before: int) -> Items:
 
 
 def _check_polygons(items: Items) -> None:
-    """A fence has its polygons corner by corner, each with their number; a circle has a radius."""
+    """Raises WrongItem unless each polygon has consecutive corners that name their count, and each circle a radius."""
     at = 0
     while at < len(items):
         item, first = items[at], items[at].params[0] or 0.0
@@ -132,7 +132,7 @@ def _check_polygons(items: Items) -> None:
 
 
 def client_list(items: Items, kind: PlanList, view: View) -> Items:
-    """A plan's list as the drone's clients have it."""
+    """A plan's list as the drone's clients see it."""
     before = home_items(kind, view)
     if not before or not items:
         return tuple(_jumping(item, -1) for item in items)
@@ -145,7 +145,7 @@ def client_list(items: Items, kind: PlanList, view: View) -> Items:
 
 
 def item_message(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanList, as_int: bool) -> Any:
-    """MISSION_ITEM_INT, or the MISSION_ITEM that old clients ask for."""
+    """MISSION_ITEM_INT, or MISSION_ITEM for old clients."""
     message = message_of(replace(item, frame=_INT_FRAMES.get(item.frame, item.frame)), target, seq, kind)
     if as_int:
         return message
@@ -158,7 +158,7 @@ def item_message(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanLi
 
 
 def _jumping(item: PlanItem, by: int) -> PlanItem:
-    """DO_JUMP to an item that is `by` further on; any other item as it is."""
+    """A DO_JUMP with its target moved by `by`; any other item unchanged."""
     if item.command != mavlink.MAV_CMD_DO_JUMP or item.params[0] is None:
         return item
     return replace(item, params=(item.params[0] + by, *item.params[1:]))

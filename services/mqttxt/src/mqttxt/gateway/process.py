@@ -1,4 +1,4 @@
-"""The gateway as a whole: drones are shown to every client, and each client's messages come to their drone."""
+"""The gateway: shows drones to every client, and passes each client's messages to their drone."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ logger = logging.getLogger("mqttxt.gateway")
 TICK_S = 0.05
 REVIEW_MS = 1000
 SILENT_MS = 10_000
-"""After this long without a `velocity`, which comes every 3 s at least, the drone's HEARTBEAT stops (R3.11)."""
+"""After this long without a `velocity`, which is published at least every 3 s, HEARTBEAT stops (R3.11)."""
 TEXT_AGE_MS = 10_000
-"""An older text was said to somebody else."""
+"""The age from which on a text is not shown: it was meant for earlier clients."""
 CONFLICT_MS = 10_000
-"""How long a drone stays hidden from a socket after a client there has used its id."""
+"""How long a drone stays hidden at a socket after a client there has used its id."""
 _COMMANDS = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_SET_CURRENT")
 _AT_ONCE = {
     Armed.name: "HEARTBEAT",
@@ -67,12 +67,12 @@ _AT_ONCE = {
 
 
 class Gateway:
-    """Drones of some fogs as MAVLink vehicles.
+    """Shows the drones of some fogs as MAVLink vehicles.
 
     Parameters:
-        station: one that has `control=False`, and is entered.
+        station: the station, with `control=False` and entered.
         ttl_s: seconds within which a command must start.
-        take_over: a client that commands takes control from other clients and stations.
+        take_over: whether a client that commands takes control from other clients and stations.
     """
 
     def __init__(self, station: GroundStation, ttl_s: float, take_over: bool) -> None:
@@ -125,7 +125,7 @@ class Gateway:
         return View(drone.number, drone.states, self._now_ms(), self._copies.mission(drone.number))
 
     def _drones(self) -> dict[int, Drone]:
-        """Every drone by its number; of one that two fogs know, the fog that reaches it."""
+        """Every drone by its number; one that two fogs know, as seen by the fog that reaches it."""
         found: dict[int, Drone] = {}
         for drone in (drone for fog in self._fogs for drone in fog.drones):
             if drone.number not in found or drone.is_reachable:
@@ -133,7 +133,7 @@ class Gateway:
         return dict(sorted(found.items()))
 
     async def _listen(self) -> None:
-        """What has to be passed on as it comes."""
+        """Handle the station's events as they arrive."""
         async for event in self._station.events():
             if isinstance(event, StateUpdate):
                 self._on_state(event)
@@ -148,7 +148,7 @@ class Gateway:
                     self._control.on_taken(drone, event.holder)
 
     def _forget(self, drone: int) -> None:
-        """What the drone has may be other than the copies."""
+        """Invalidate the copies of a drone's plan and parameters, which may have changed."""
         self._copies.forget(drone)
         self._parameter_copies.forget(drone)
 
@@ -166,14 +166,14 @@ class Gateway:
             self._send(update.drone, [_as_message(state)])
 
     def _on_progress(self, drone: int, reached: int) -> None:
-        """Say that an item was reached, once."""
+        """Send MISSION_ITEM_REACHED, once per item."""
         before, self._reached[drone] = self._reached.get(drone), reached
         known = self._drones().get(drone)
         if known is not None and reached > 0 and before is not None and before != reached:
             self._send(drone, [mavlink.MAVLink_mission_item_reached_message(self._view(known).seq(reached))])
 
     async def _tick(self) -> None:
-        """Messages that are due, commands that wait, and control."""
+        """Send due messages, and tick the commands, missions, parameters and control."""
         assert self._desk is not None
         assert self._missions is not None
         assert self._parameters is not None
@@ -220,7 +220,7 @@ class Gateway:
                 peer.send(drone, message)
 
     def _on_message(self, peer: Peer, message: Any) -> None:
-        """A client's message; those to nobody here, and those of a client with a drone's id, are not heard."""
+        """Handle a client's message. Ignored are those to no drone here, and from a client with a drone's id."""
         client = Client(peer, message.get_srcSystem(), message.get_srcComponent())
         drones, kind = self._drones(), message.get_type()
         if client.system in drones:
@@ -264,7 +264,7 @@ class Gateway:
             client.peer.send(drone.number, wanted)
 
     def _refuse(self, client: Client) -> None:
-        """A drone with the id of a client: neither could be told from the other."""
+        """Hide a drone from a socket where a client has its id: receivers could not tell them apart."""
         key = (client.peer, client.system)
         if key not in self._conflicts:
             logger.warning(
@@ -274,14 +274,14 @@ class Gateway:
 
 
 def is_heard(drone: Drone) -> bool:
-    """Whether a drone's fog reaches it, and, where it says so every few seconds, it did lately."""
+    """Whether the fog reaches a drone and, if the drone publishes its velocity, the newest one is recent."""
     velocity = drone.state(VelocityNed)
     age_ms = None if velocity is None else velocity.age_ms
     return drone.is_reachable and (age_ms is None or age_ms <= SILENT_MS)
 
 
 def _as_message(state: MavlinkState) -> Any:
-    """The MAVLink message that a drone has sent as a state."""
+    """The MAVLink message that a drone has published as a state."""
     return kinds()[state.name.removeprefix(MAVLINK_STATE)](
         **{name: _field(value) for name, value in state.values.items()}
     )

@@ -1,4 +1,4 @@
-"""PARAM_SET of clients: answered by the value that the drone has read back, and by nothing else (docs/gateway.md)."""
+"""PARAM_SET of clients, answered only by the value that the drone has read back (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .texts import send_text
 from .translation import NOT_NOW, Declined
 
 MOST_OPEN = 64
-"""Settings that are under way at a time; what comes beyond them is lost, and clients send it again."""
+"""The most settings under way at a time; further ones are dropped, and clients send them again."""
 NOT_THERE, WRONG_VALUE, NOT_ALLOWED = (
     int(mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST),
     int(mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE),
@@ -42,7 +42,7 @@ _ERRORS: Final = {
 
 @dataclass
 class Setting:
-    """A PARAM_SET of a client; `answer` and `ended_ms` are there once it is over. `place`: among all that were sent."""
+    """A PARAM_SET of a client; `answer` and `ended_ms` are set at its end. `place`: its number among those sent."""
 
     client: Client
     drone: int
@@ -53,7 +53,7 @@ class Setting:
     place: int = 0
 
     def is_repeated(self, now_ms: int) -> bool:
-        """Whether the same is this one once more: clients repeat it until it is answered."""
+        """Whether an equal PARAM_SET now is a repetition of this one: clients repeat it until it is answered."""
         return self.ended_ms is None or now_ms - self.ended_ms <= REPEAT_MS
 
 
@@ -80,7 +80,7 @@ class Settings:
         self._turns: dict[int, asyncio.Lock] = {}
 
     def on_set(self, client: Client, drone: Drone, autopilot: Autopilot, message: Any) -> None:
-        """PARAM_SET."""
+        """Handle PARAM_SET."""
         name, wanted = str(message.param_id), parameter_of(message, autopilot.bytewise)
         if wanted is None or wanted.value is None:
             self._refuse(client, drone.number, name, WRONG_VALUE, "expected a number that its type has")
@@ -90,7 +90,7 @@ class Settings:
             self._set(Setting(client, drone.number, wanted, self._now_ms()), drone, autopilot)
 
     def tick(self, now_ms: int) -> None:
-        """What is over for long."""
+        """Forget the settings that ended long ago."""
         self._newest = {key: one for key, one in self._newest.items() if one.is_repeated(now_ms)}
 
     def _set_own(self, client: Client, drone: int, autopilot: Autopilot, value: float) -> None:
@@ -123,13 +123,13 @@ class Settings:
         except FogUnreachable as error:
             self._end(setting, None, str(error))
         except (StationEnded, BrokerRefused):
-            pass  # nobody knows; the client's own time-out says so
+            pass  # the outcome is unknown; the client's own time-out says so
         finally:
             self._open -= 1
             setting.ended_ms = self._now_ms()
 
     async def _last_word(self, setting: Setting, drone: Drone) -> Outcome:
-        """Once this station controls the drone for the client; raises Declined, and what `Drone.send` raises."""
+        """Send a setting once the client has control; returns the last word. Raises Declined, and as `Drone.send`."""
         await self._control.heard(setting.client)
         async with self._turns.setdefault(drone.number, asyncio.Lock()):
             self._control.check(setting.client, drone)
@@ -149,7 +149,7 @@ class Settings:
     def _hear(self, setting: Setting, last: Outcome, autopilot: Autopilot) -> None:
         if last.completed:
             key = (setting.drone, setting.wanted.name)
-            if setting.place < self._completed.get(key, 0):  # its last word has come behind that of a later value
+            if setting.place < self._completed.get(key, 0):  # its last word arrived after that of a later value
                 self._end(setting, None, "a later value was set")
                 return
             self._completed[key] = setting.place
@@ -164,7 +164,7 @@ class Settings:
         self._end(setting, error, str(last).partition(f"{last.command} ")[2])
 
     def _end(self, setting: Setting, error: int | None, why: str) -> None:
-        """A definite no has PARAM_ERROR; of what is not known, or may be tried again, there is only a text."""
+        """Answer a definite no with PARAM_ERROR, an unknown outcome or one to be tried again with a text alone."""
         setting.answer = self._refuse(setting.client, setting.drone, setting.wanted.name, error, why)
 
     def _refuse(self, client: Client, drone: int, name: str, error: int | None, why: str) -> Any | None:

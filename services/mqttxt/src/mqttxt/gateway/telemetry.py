@@ -1,4 +1,4 @@
-"""MAVLink messages out of what the station knows of a drone, at a ground station's rates; nothing crosses a link."""
+"""MAVLink messages made from the states that the station has, at a ground station's rates; none crosses a link."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _SENSORS = (
 )
 """Every autopilot with a position has these; `health` names those that fail.
 
-MAVProxy takes a geofence that is not healthy for a breach, present or not.
+MAVProxy takes an unhealthy geofence, present or not, for a breach.
 """
 _BATTERY_CELLS, _BATTERY_CELLS_EXT = 10, 4
 
@@ -60,9 +60,9 @@ AState = TypeVar("AState", bound=VitalState)
 
 @dataclass(frozen=True)
 class View:
-    """What is known of a drone now; `now_ms` is of the gateway's clock.
+    """What the station knows of a drone now; `now_ms` is of the gateway's clock.
 
-    `named`: the mission that clients have uploaded or read last, by its hash; None before they have.
+    `named`: the hash of the mission that clients uploaded or read last; None before the first.
     """
 
     number: int
@@ -77,20 +77,20 @@ class View:
 
     @property
     def home_items(self) -> int:
-        """How many items clients have in front of a mission's own: with ArduPilot home is item 0."""
+        """How many items a client's list has before the mission's own: with ArduPilot home is item 0."""
         airframe = self.get(Airframe)
         return int(airframe is not None and airframe.autopilot == ARDUPILOT)
 
     def seq(self, item: int) -> int:
-        """An item of the plan, which counts from 1, as clients count it; 0, which is none, is their first."""
+        """The client's number of an item of the plan, which counts from 1; 0, which is no item, gives the first."""
         return max(0, item - 1 + self.home_items)
 
     def item(self, seq: int) -> int:
-        """An item as clients count it, as one of the plan; ArduPilot's home is the first."""
+        """The plan's number of an item by the client's; ArduPilot's home gives the plan's first."""
         return max(1, seq + 1 - self.home_items)
 
     def measured_ms(self, kind: type[VitalState]) -> int:
-        """When the newest state of a kind was measured, at the earliest: what MAVLink calls time since boot."""
+        """The earliest time at which the newest state of a kind was measured: MAVLink's time since boot."""
         known = self.states.get(kind.name)
         age_ms = known.age_ms if known is not None else None
         return max(0, self.now_ms - (age_ms or 0))
@@ -98,7 +98,7 @@ class View:
 
 @dataclass(frozen=True)
 class Made:
-    """How a message is made, None while what it needs is not known, and how often it is sent by itself."""
+    """How a message is made (None while a state that it needs is missing), and how often it is sent unasked."""
 
     make: Callable[[View], Any | None]
     rate_hz: float
@@ -143,7 +143,7 @@ def _battery_status(view: View) -> Any | None:
 
 
 def _position(view: View) -> Any | None:
-    """MAVLink has no word for a velocity that is not known: without one there is no message."""
+    """MAVLink cannot express an unknown velocity: without one there is no message."""
     location, velocity, heading = view.get(Location), view.get(VelocityNed), view.get(Heading)
     if location is None or velocity is None:
         return None
@@ -227,7 +227,7 @@ def _degrees(place: Location | Home) -> tuple[int, int]:
 
 
 def _power(view: View) -> tuple[int, int]:
-    """Voltage in millivolts and current in centiamperes, each MAVLink's unknown where it is not known."""
+    """Voltage in millivolts and current in centiamperes; MAVLink's value for unknown in place of a missing one."""
     power = view.get(Power)
     if power is None:
         return UNKNOWN_U16, -1
@@ -251,15 +251,15 @@ LOCAL: Final[dict[str, Made]] = {
     "MISSION_CURRENT": Made(_mission_current, 1),
     "AUTOPILOT_VERSION": Made(_version, 0),
 }
-"""The messages that are made here. The rates are those of PX4's normal set of streams, or what states change at."""
+"""The messages that are made here. The rates are those of PX4's normal stream set, or at which states change."""
 FASTEST_HZ = 10.0
 
 
 class Turns:
     """When each message of each drone is sent next.
 
-    Messages of one rate have their turn together: clients that command the vehicle whose HEARTBEAT they heard first, as
-    pymavlink and MAVProxy do, are to hear the same one whenever they come.
+    Messages of one rate are sent in the same turn. Clients that command the vehicle whose HEARTBEAT arrived first, as
+    pymavlink and MAVProxy do, thus get the same vehicle whenever they connect.
     """
 
     def __init__(self) -> None:
@@ -267,12 +267,12 @@ class Turns:
         self._rates_hz: dict[tuple[int, str], float] = {}
 
     def ask(self, drone: int, name: str, rate_hz: float) -> None:
-        """A client wants a message more often; what others were promised stays, and states change no faster."""
+        """A client asks for a message more often. No client's rate is lowered; the limit is how fast states change."""
         known_hz = self._rates_hz.get((drone, name), LOCAL[name].rate_hz)
         self._rates_hz[drone, name] = max(known_hz, min(rate_hz, FASTEST_HZ))
 
     def due(self, drone: int, now_ms: int) -> list[str]:
-        """The messages whose turn it is."""
+        """The messages that are due."""
         out = []
         for name, made in LOCAL.items():
             rate_hz = self._rates_hz.get((drone, name), made.rate_hz)
@@ -284,5 +284,5 @@ class Turns:
         return out
 
     def hasten(self, drone: int, name: str) -> None:
-        """A message is due at once: what it says has changed."""
+        """Make a message due at once, because its content has changed."""
         self._next_ms.pop((drone, name), None)

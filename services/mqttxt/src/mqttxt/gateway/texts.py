@@ -1,4 +1,4 @@
-"""STATUSTEXT to a client: a long text in parts."""
+"""STATUSTEXT to a client, a long text in several parts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _numbers = itertools.count(1)
 
 
 def send_text(peer: Peer, drone: int, severity: Severity, text: str) -> None:
-    """What a drone's client shows to people; its parts have a number in common, so that it is put together again."""
+    """Send a text that a drone's client shows to people; its parts carry a common number, by which they are joined."""
     data = text.encode("ascii", "replace")
     if len(data) <= _PART:
         peer.send(drone, mavlink.MAVLink_statustext_message(severity, data, 0, 0))

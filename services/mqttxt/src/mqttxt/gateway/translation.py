@@ -1,4 +1,4 @@
-"""MAVLink commands into those of MQTT-XT, or a definite no."""
+"""Translates MAVLink commands into those of MQTT-XT, or declines them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _ABOVE_HOME: Final = frozenset({mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.M
 
 
 class Declined(Exception):
-    """A command that is not sent: its `result` for COMMAND_ACK, and what people are told."""
+    """A command that is not sent, with its `result` for COMMAND_ACK; the message is for people."""
 
     def __init__(self, text: str, result: int = DENIED) -> None:
         super().__init__(text)
@@ -50,9 +50,9 @@ class Declined(Exception):
 
 @dataclass(frozen=True)
 class Request:
-    """A command as a client sent it; `params` are seven, None where not set. `frame` None: it came as COMMAND_LONG.
+    """A command as a client sent it. `params` are seven, None where not set; `frame` is None for a COMMAND_LONG.
 
-    `is_message`: it came as a message of its own, which no COMMAND_ACK answers.
+    `is_message`: it arrived as a message of its own, which no COMMAND_ACK answers.
     """
 
     mav_cmd: int
@@ -62,7 +62,7 @@ class Request:
 
     @classmethod
     def of(cls, message: Any) -> Request:
-        """What is in a COMMAND_LONG, a COMMAND_INT, a SET_MODE or a MISSION_SET_CURRENT."""
+        """The request in a COMMAND_LONG, a COMMAND_INT, a SET_MODE or a MISSION_SET_CURRENT."""
         kind = message.get_type()
         if kind == "MISSION_SET_CURRENT":
             number = int(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT)
@@ -79,7 +79,7 @@ class Request:
         return cls(message.command, (*map(_set, first), *place, _set(message.z)), message.frame)
 
     def whole(self, number: int) -> int | None:
-        """Parameter 1 to 7 as a whole number, None where it is none."""
+        """Parameter 1 to 7 as a whole number; None if it is not one."""
         value = self.params[number - 1]
         return int(value) if value is not None and math.isfinite(value) and value == int(value) else None
 
@@ -95,7 +95,7 @@ def name_of(mav_cmd: int) -> str:
 
 
 def command_of(request: Request, view: View, takeoff_m: float) -> Command:
-    """The command that a request is; raises Declined. `takeoff_m`: metres above home where the request has none."""
+    """The command for a request; raises Declined. `takeoff_m`: metres above home if the request names no altitude."""
     if request.mav_cmd == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
         return _arming(request)
     if request.mav_cmd == mavlink.MAV_CMD_NAV_TAKEOFF:
@@ -148,7 +148,7 @@ def _takeoff(request: Request, view: View, takeoff_m: float) -> Command:
 
 
 def _reposition(request: Request, view: View) -> Command:
-    """Without a position it is a pause, as QGroundControl has it."""
+    """A goto; without a position a hold, which is QGroundControl's pause."""
     latitude, longitude, altitude = request.params[4:]
     if latitude is None or longitude is None:
         if altitude is not None:
@@ -191,7 +191,7 @@ def _mode(request: Request, view: View) -> Command:
 
 
 def _mission(view: View) -> bytes:
-    """The mission that clients mean: the one that they have uploaded or read, else the one that was read last."""
+    """The hash of the mission that clients mean: of the one that they uploaded or read, else of the drone's own."""
     known = view.get(Mission)
     named = view.named or (None if known is None else known.mission)
     if named is None:
@@ -200,10 +200,10 @@ def _mission(view: View) -> bytes:
 
 
 def _go_on(view: View) -> Command:
-    """Fly the mission on from its current item, as its mode does; one that is new or over from its first.
+    """Resume the mission at its current item, as the mission mode does; start one that is new or over.
 
-    A UAV client that has restarted does not know whose the current item is until it reads the mission for `resume`,
-    which is denied where it is another one.
+    A restarted UAV client does not know to which mission the current item belongs until it reads the mission for
+    `resume`, which is denied if it is another one.
     """
     named, mission = _mission(view), view.get(Mission)
     if mission is not None and mission.mission is None and mission.current > 1:
@@ -231,7 +231,7 @@ def _set_current(request: Request, view: View) -> Command:
 
 
 def _stream(request: Request) -> Command:
-    """SET_MESSAGE_INTERVAL of a message that only the drone has; its default, and none, are to stream no longer."""
+    """SET_MESSAGE_INTERVAL of a message that only the drone has; an interval of 0 or less ends the stream."""
     number, interval_us = request.whole(1), request.params[1]
     name = next((name for name, kind in kinds().items() if kind.id == number), None)
     if name is None:
@@ -245,7 +245,7 @@ _ELSEWHERE: Final = {
 
 
 def _raw(request: Request) -> Command:
-    """Any other MAV_CMD goes to the autopilot as it is, within what its UAV client allows."""
+    """Any other MAV_CMD, sent to the autopilot unchanged, within what its UAV client allows."""
     if request.mav_cmd in _ELSEWHERE:
         raise Declined(f"{name_of(request.mav_cmd)}: {_ELSEWHERE[request.mav_cmd]}", UNSUPPORTED)
     if request.mav_cmd not in mavlink.enums["MAV_CMD"]:

@@ -1,4 +1,4 @@
-"""Plans from clients to drones: taken item by item, carried as one, acknowledged in time (docs/gateway.md)."""
+"""Plans from clients to drones: received item by item, sent as one, acknowledged in time (docs/gateway.md)."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from .texts import send_text
 from .translation import DENIED, Declined
 
 ACK_MS = 1000
-"""How long the last item waits for the drone's word. QGroundControl gives up after 1.5 s, MAVSDK after 2.5 s."""
+"""How long the last MISSION_ACK waits for the drone's word. QGroundControl gives up after 1.5 s, MAVSDK after 2.5 s."""
 ASK_AGAIN_MS = 500
 BROKEN_OFF_MS = 5000
-"""How long an upload waits for its next item: longer than a client goes on sending after a request."""
+"""How long an upload waits for its next item: longer than a client keeps answering a request."""
 CARRIED_S = 300.0
 _RESULTS: Final = {result_name(result): result for result in mavlink.enums["MAV_MISSION_RESULT"]}
 
 
 @dataclass(eq=False)
 class Upload:
-    """One list from one client. `before`: how many items its list has in front of the plan's own."""
+    """One list from one client. `before`: how many items precede the plan's own in it."""
 
     client: Client
     drone: Drone
@@ -60,14 +60,14 @@ class Upload:
         return self.whole.is_set()
 
     def acknowledge(self, result: int) -> None:
-        """MISSION_ACK, once."""
+        """Send MISSION_ACK, once."""
         if not self.is_acked:
             self.is_acked = True
             who = (self.client.system, self.client.component)
             self.client.peer.send(self.drone.number, mavlink.MAVLink_mission_ack_message(*who, result, self.kind))
 
     def ask(self, now_ms: int) -> None:
-        """The next item."""
+        """Ask for the next item."""
         self.is_asking, self.asked_ms = True, now_ms
         who = (self.client.system, self.client.component)
         request = mavlink.MAVLink_mission_request_int_message(*who, self.received, self.kind)
@@ -127,7 +127,7 @@ class Uploads:
         upload.task = self._group.create_task(self._carry(upload))
 
     def on_item(self, client: Client, drone: Drone, kind: PlanList, message: Any) -> None:
-        """MISSION_ITEM_INT or MISSION_ITEM; only the one that was asked for counts."""
+        """MISSION_ITEM_INT or MISSION_ITEM; any but the one asked for is ignored."""
         upload = self._receiving(drone.number, kind)
         if upload is None or upload.client != client or not upload.is_asking or message.seq != upload.received:
             return
@@ -144,13 +144,13 @@ class Uploads:
             self._end(upload, wrong.result, str(wrong))
 
     def on_cancel(self, client: Client, drone: Drone, kind: PlanList) -> None:
-        """A client gives up its upload; one that it has sent all of goes on."""
+        """A client gives up its upload; one that was received completely goes on."""
         upload = self._receiving(drone.number, kind)
         if upload is not None and upload.client == client:
             self._end(upload, mavlink.MAV_MISSION_OPERATION_CANCELLED, _broken_off(upload))
 
     def tick(self, now_ms: int) -> None:
-        """Acknowledgements that are due, items that did not come, and clients that lost control."""
+        """Send due acknowledgements, ask again for items, and end uploads that broke off or that lost control."""
         for upload in list(self._open):
             if upload.is_received:
                 if not self._control.has(upload.client, upload.drone):
@@ -164,28 +164,28 @@ class Uploads:
                 upload.ask(now_ms)
 
     def close(self) -> None:
-        """Nothing is taken any more."""
+        """Drop all uploads."""
         for upload in list(self._open):
             self._drop(upload)
 
     def is_pending(self, drone: int) -> bool:
-        """Whether a plan was received for a drone, and what became of it is not known yet."""
+        """Whether a plan was received for a drone whose outcome is not known yet."""
         return bool(self._pending(drone))
 
     async def settled(self, drone: int) -> None:
-        """Return when what was received for a drone is verified, or has failed."""
+        """Wait until every plan received for a drone is verified or has failed."""
         while pending := self._pending(drone):
             await asyncio.wait([upload.task for upload in pending if upload.task is not None])
 
     def check(self, client: Client, drone: int) -> None:
-        """Raises Declined where a client's plan was acknowledged, and the drone did not take it."""
+        """Raises Declined if a client's plan was acknowledged and the drone did not take it."""
         for kind in PlanList:
             failed, text = self._failures.get((drone, kind), (None, ""))
             if failed == client:
                 raise Declined(f"{text}: upload it again, clear it, or read what the drone has")
 
     def forgive(self, client: Client, drone: int, kind: PlanList) -> None:
-        """A client learns which list the drone has, or uploads it again."""
+        """Forget a failure once its client learns which list the drone has, or uploads the list again."""
         if self._failures.get((drone, kind), (None, ""))[0] == client:
             del self._failures[drone, kind]
 
@@ -194,7 +194,7 @@ class Uploads:
         return next(found, None)
 
     def _is_clearing(self, client: Client, drone: Drone, kind: PlanList) -> bool:
-        """Whether the same was asked a moment ago: clients repeat it until it is acknowledged."""
+        """Whether the client already asked to clear the list: clients repeat that until it is acknowledged."""
         key = (client, drone.number, kind, 0)
         return any(
             (one.client, one.drone.number, one.kind, one.count) == key and not one.is_acked for one in self._open
@@ -204,13 +204,13 @@ class Uploads:
         return [one for one in self._open if one.drone.number == drone and one.is_received]
 
     def _newer(self, upload: Upload) -> dict[PlanList, tuple[Any, ...]]:
-        """The lists that the client of an upload has sent for its drone since then: it means these."""
+        """The lists that an upload's client has since sent for the same drone: it means these."""
         pending = [one for one in self._pending(upload.drone.number) if one.client == upload.client]
         behind = pending[pending.index(upload) + 1 :] if upload in pending else []
         return {one.kind: tuple(one.items) for one in behind}
 
     async def _carry(self, upload: Upload) -> None:
-        """One list from its count to its end."""
+        """Carry one list from its count to its end."""
         with self._failing(upload):
             await self._control.heard(upload.client)
             self._control.check(upload.client, upload.drone)
@@ -225,7 +225,7 @@ class Uploads:
                     await self._send(upload)
 
     def _receive(self, upload: Upload) -> None:
-        """All items are there; raises WrongItem where they do not fit together."""
+        """Complete an upload whose items are all received; raises WrongItem if they do not fit together."""
         items = plan_list(tuple(upload.items), upload.kind, upload.before)
         upload.items, upload.ack_ms = list(items), self._now_ms() + ACK_MS
         upload.whole.set()
@@ -233,7 +233,7 @@ class Uploads:
         self._copies.name(upload.drone.number, {upload.kind: items})
 
     async def _send(self, upload: Upload) -> None:
-        """A list to its drone, with what else its client has uploaded for that by now."""
+        """Send a list to its drone, together with the client's other lists that are received by now."""
         together = [one for one in self._pending(upload.drone.number) if one.client == upload.client]
         lists = {one.kind: tuple(one.items) for one in together}
         outcome = await upload.drone.upload(Plan(PlanObject.of(lists)), timeout_s=CARRIED_S)
@@ -249,7 +249,7 @@ class Uploads:
 
     @contextlib.contextmanager
     def _failing(self, upload: Upload) -> Iterator[None]:
-        """What keeps a list from being uploaded; where the station ends nobody knows."""
+        """Turn errors into a failed upload; where the station ends, the outcome is not known, and none is sent."""
         try:
             yield
         except Declined as declined:
@@ -264,7 +264,7 @@ class Uploads:
             self._drop(upload)
 
     def _fail(self, upload: Upload, result: int, text: str) -> None:
-        """A list that the drone does not have; who was told that it is accepted must not fly by it."""
+        """Fail a list that the drone does not have; a client that got ACCEPTED for it must not fly by it."""
         if upload.is_over:
             return
         newer = self._newer(upload)
@@ -296,7 +296,7 @@ def _result_of(error: Declined | WrongItem) -> int:
 
 
 def _result(outcome: Outcome) -> int:
-    """The drone's word as a result: what its autopilot has said of an item, where that is the reason."""
+    """The drone's word as a MAV_MISSION_RESULT: the autopilot's own about an item, if the reason ends in one."""
     said = _RESULTS.get((outcome.reason or "").rpartition(": ")[2])
     if said is not None:
         return int(said)

@@ -1,4 +1,4 @@
-"""The commands that the page has sent, with every word about them; a page that only watches has no desk."""
+"""The commands that the page has sent, with every word about them; a watch-only page has no desk."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from .places import Place
 from .words import choice_in_plain_english, code_of, headline, in_plain_english
 
 KEPT = 200
-"""Commands that the page still shows."""
+"""The number of commands that the page shows."""
 _UNITS = {"altitude_m": " m", "latitude_deg": "°", "longitude_deg": "°"}
 
 
 @dataclass
 class Order:
-    """One request that was carried out: a command to somebody, with the words about it as they came."""
+    """One request that was carried out, with its addressees and the words about it in their order."""
 
     number: int
     text: str
     ttl_s: float
     limit_s: float
     sent_s: float
-    """In seconds of the event loop's clock."""
+    """The time of sending, in seconds of the event loop's clock."""
     goal: tuple[float, float] | None = None
-    """Where it goes to, in degrees north and east."""
+    """The destination, in degrees north and east."""
     path: list[tuple[float, float]] | None = None
-    """Of an upload: the places of its mission, in degrees north and east."""
+    """For an upload: the positions of its mission, in degrees north and east."""
     progress: str | None = None
-    """Of an upload: how far it is."""
+    """For an upload: its progress."""
     words: list[dict[str, Any]] = field(default_factory=list)
     waiting: int = 0
-    """How many of its parts have not had their last word."""
+    """The number of its parts without a last word."""
 
     def as_plain(self, now_s: float) -> dict[str, Any]:
-        """What the browser is sent; times are durations, because its clock is another."""
+        """The order as the browser gets it. Times are durations, because the browser's clock differs."""
         return {
             "number": self.number,
             "text": self.text,
@@ -67,15 +67,15 @@ class Order:
 
 
 class Desk:
-    """Sends what pages ask for.
+    """Sends the commands that pages request.
 
     Parameters:
-        station: one that wants control, and is entered, or several as one.
-        fogs: what it is connected to.
-        log: what was sent is entered there.
-        group: where the tasks run that follow the commands.
-        changed: is called with an order whenever it has changed.
-        places: whose names a command to one of them says.
+        station: an entered station that wants control, or several as one.
+        fogs: the fogs that it is connected to.
+        log: the log in which sent commands are entered.
+        group: the group of the tasks that follow the commands.
+        changed: called with an order whenever it has changed.
+        places: the named places; a command that goes to one shows its name.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class Desk:
         self.orders: deque[Order] = deque(maxlen=KEPT)
 
     def carry_out(self, request: Request) -> Order:
-        """Do what was asked, and return what shows how it goes; what cannot be sent is a word of it."""
+        """Carry out a request; returns the order that follows it. A command that cannot be sent has that as a word."""
         if isinstance(request, TakeOverRequest):
             order = self._new(f"take control of {_drones(request.drones)}", 0.0, 0.0)
             for key in sorted({key[:2] for key in request.drones}):
@@ -126,7 +126,7 @@ class Desk:
         return order
 
     def on_event(self, event: Event) -> None:
-        """The truth that follows an `unconfirmed` comes when nobody waits for the command any more."""
+        """Add an outcome that settles an `unconfirmed`: by then no task follows the command."""
         if isinstance(event, Outcome) and event.settled and (event.fleet, event.id) in self._of_id:
             self._add(self._of_id[event.fleet, event.id], event)
 
@@ -173,7 +173,7 @@ class Desk:
         return order
 
     def _send(self, order: Order, sender: Callable[[], SentCommand[Any, Any]]) -> None:
-        """Send at once, and follow; every part is sent before the first word of any is waited for."""
+        """Send at once, then follow: every part is sent before any word is awaited."""
         try:
             sent = sender()
         except MqttxtError as error:
@@ -202,7 +202,7 @@ class Desk:
             self._changed(order)
 
     async def _take_over(self, order: Order, key: FogKey, drones: tuple[int, ...]) -> None:
-        """All of a fog at once: a takeover raises its epoch, and one with an older epoch takes nothing (R6.7)."""
+        """Take a fog's drones at once: a takeover raises its epoch, and one with an older epoch takes none (R6.7)."""
         names = [in_fleet(key[0], drone) for drone in drones]
         try:
             await self._fog(key).take_over(drones=drones)
@@ -239,7 +239,7 @@ class Desk:
         self._enter(order, outcome.word.label, headline(outcome), in_plain_english(outcome), code_of(outcome))
 
     def _say(self, order: Order, word: str, text: str) -> None:
-        """Something about an order that is no word of a drone's."""
+        """Add a text to an order that is no drone's word."""
         self._log.add("Answer", f"{order.text}: {word}: {text}")
         self._enter(order, word, f"{word}: {text}")
 
@@ -249,7 +249,7 @@ class Desk:
 
 
 def _text(command: Command) -> str:
-    """A command with its parameters, as `takeoff altitude 10 m`."""
+    """A command with its parameters, such as `takeoff altitude 10 m`."""
     parts = [
         f"{field.name.rpartition('_')[0]} {getattr(command, field.name):g}{_UNITS[field.name]}"
         if field.name == "altitude_m"

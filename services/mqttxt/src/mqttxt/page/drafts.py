@@ -1,4 +1,4 @@
-"""A plan as the page's editor of missions has it, or why it cannot be edited there."""
+"""A plan in the form of the page's mission editor, or the reason why the editor cannot have it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..station.plan import Plan
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
 """MAV_CMDs."""
 LAST = 95
-"""MAV_CMD_NAV_LAST: those below fly somewhere."""
+"""MAV_CMD_NAV_LAST: the commands below it fly somewhere."""
 WITHOUT_PLACE, ABOVE_HOME = 2, 3
 """MAV_FRAMEs."""
 
@@ -26,7 +26,7 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class Draft:
-    """What the editor knows: waypoints, a takeoff to the first one's height before them, a return behind them."""
+    """The editor's form of a mission: waypoints, before them a takeoff to the first one's height, then a return."""
 
     waypoints: tuple[Waypoint, ...]
     takes_off: bool
@@ -34,7 +34,7 @@ class Draft:
 
 
 def draft_of(plan: Plan) -> Draft | str:
-    """A plan for the editor, or why it would lose something of it."""
+    """A plan as a draft, or the reason why the editor would lose a part of it."""
     mission = plan.content.mission or ()
     if plan.content.fence:
         return "it has a geofence"
@@ -54,13 +54,13 @@ def draft_of(plan: Plan) -> Draft | str:
 
 
 def path_of(plan: Plan) -> list[tuple[float, float]]:
-    """The places to which a plan's mission flies, in degrees north and east."""
+    """The positions to which a plan's mission flies, in degrees north and east."""
     items = [item for item in plan.content.mission or () if item.command < LAST and item.frame != WITHOUT_PLACE]
     return [(item.x / 1e7, item.y / 1e7) for item in items if (item.x, item.y) != (0, 0)]
 
 
 def _unknown(item: PlanItem, is_waypoint: bool, height_m: float | None) -> str | None:
-    """What the editor would not write again; of a takeoff its pitch, which a multicopter does not have, does not count.
+    """The part of an item that the editor would lose; a takeoff's pitch, which multicopters lack, does not count.
 
     `height_m` is the first waypoint's.
     """

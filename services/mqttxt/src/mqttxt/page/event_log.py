@@ -1,4 +1,4 @@
-"""What has happened, in order: bounded, searchable, and written as JSON lines."""
+"""The log of events, in order: bounded, searchable, and exported as JSON lines."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .words import choice_in_plain_english, code_of, headline, in_plain_english
 
 KEPT = 10_000
 KEPT_OF_ALL = 20_000
-"""Events, also those that are no entries."""
+"""Events, including those without an entry."""
 _WATCHED = (Armed, FlightMode, LandedState, AutopilotText)
-"""States whose changes are entered; positions and the like would bury everything else."""
+"""States whose changes are entered; positions and the like would drown everything else."""
 
 
 class EventLog:
     """The newest `KEPT` entries; each has a number that rises by one.
 
     Parameters:
-        kept: how many.
+        kept: how many entries are kept.
     """
 
     def __init__(self, kept: int = KEPT) -> None:
@@ -37,37 +37,37 @@ class EventLog:
         self.last = 0
 
     def on_event(self, event: Event) -> None:
-        """Enter an event of note; any other is only in what is exported with all of them."""
+        """Enter a noteworthy event; any other only appears in the export of all events."""
         if self._is_of_note(event):
             self.add(type(event).__name__, text_of(event), event)
         else:
             self._all.append((datetime.now(UTC), event))
 
     def add(self, kind: str, text: str, event: Event | None = None) -> None:
-        """Enter an event with its fields, or something that this page did itself."""
+        """Enter an event with its fields, or an action of this page."""
         self.last += 1
         entry = {"number": self.last, **_entry(datetime.now(UTC), kind, text, event)}
         self._entries.append(entry)
         self._all.append(entry)
 
     def after(self, number: int, most: int) -> list[dict[str, Any]]:
-        """The newest entries behind a number, at most so many, oldest first."""
+        """The newest entries after a number, at most `most`, oldest first."""
         count = min(self.last - number, most, len(self._entries))
         return [self._entries[index] for index in range(-count, 0)]
 
     def lines(self, search: str = "", of_all: bool = False) -> Iterator[str]:
-        """Every entry that contains a text, whatever its case, as a line of JSON; with `of_all` every event.
+        """Every entry that contains a text, in any case, as a line of JSON; with `of_all` every event.
 
-        Events that are no entries have no number.
+        Events without an entry have no number.
         """
         wanted = search.casefold()
-        for kept in tuple(self._all if of_all else self._entries):  # more come meanwhile
+        for kept in tuple(self._all if of_all else self._entries):  # more arrive meanwhile
             line = json.dumps(kept if isinstance(kept, dict) else _entry_of(*kept), ensure_ascii=False)
             if wanted in line.casefold():
                 yield line + "\n"
 
     def _is_of_note(self, event: Event) -> bool:
-        """Of states only some where they have changed, of rankings those whose order has; everything else is."""
+        """Whether an event is entered: watched states and orders of rankings if changed, everything else always."""
         key: tuple[str, int, int, str]
         value: object
         if isinstance(event, StateUpdate):
@@ -125,7 +125,7 @@ def _text_of_state(state: State) -> str:
 
 
 def as_plain(value: Any) -> Any:
-    """A message's dataclass as what JSON has: fields by their names, enumerations by theirs, bytes in hexadecimal."""
+    """A message's dataclass as JSON values: fields by their names, enumerations by theirs, bytes in hexadecimal."""
     if isinstance(value, Named):
         return value.label
     if isinstance(value, bytes):

@@ -1,4 +1,4 @@
-"""Fogs and drones as the browser is sent them."""
+"""Fogs and drones as the browser gets them."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ..station.views import Drone, Fog
 from .event_log import as_plain
 
 STALE_MS = 45_000
-"""An older value looks stale: it should have come again (R3.5), and no choice goes by it (R7.3)."""
+"""The age from which on a value is shown as stale: it should have been repeated (R3.5). No choice uses it (R7.3)."""
 _LEFT_OUT = AutopilotText.name
 
 
 def name_of(fog: Fog) -> int | str:
-    """A fog as pages name it: its number, and of several fleets a text as `acme/1`."""
+    """A fog as pages name it: its number, or among several fleets a text such as `acme/1`."""
     return in_fleet(fog.fleet, fog.number) if fog.fleet else fog.number
 
 
 def fog_of(fog: Fog) -> dict[str, Any]:
-    """A fog, and whether it is heard."""
+    """A fog, whether it is live, and its number of drones."""
     return {"fog": name_of(fog), "live": fog.is_live, "drones": len(fog.drones)}
 
 
 def drone_of(fog: Fog, drone: Drone) -> dict[str, Any]:
-    """A drone with every state that is known, each with its age; texts are in the log."""
+    """A drone with every known state and its age; texts are in the log."""
     return {
         "fleet": fog.fleet,
         "fog": name_of(fog),
@@ -42,5 +42,5 @@ def drone_of(fog: Fog, drone: Drone) -> dict[str, Any]:
 
 
 def standing_of(drone: Drone) -> tuple[bool, str | None, bool]:
-    """What changes by time alone, without an event."""
+    """The values that can change with time alone, without an event."""
     return drone.is_reachable, drone.holder, drone.is_controlled

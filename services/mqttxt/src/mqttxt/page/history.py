@@ -1,4 +1,4 @@
-"""What came of sensors and rankings lately, for charts and tables."""
+"""Recent readings and PSMI lists, for charts and tables."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MOST_CHARTS = 500
 MOST_LISTS = 5
 
 ChartKey = tuple[str, int, int, str]
-"""The name of a fleet, empty where there is one alone, a drone's number, a sensor's, and what it measures."""
+"""The fleet's name (empty for a single fleet), the drone's and the sensor's number, and the kind of reading."""
 
 
 @dataclass
 class Chart:
-    """The newest readings of one kind of one sensor; `total` is how many have come."""
+    """The newest readings of one kind of one sensor; `total` counts all that arrived."""
 
     unit: str
     points: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MOST_POINTS))
@@ -34,14 +34,14 @@ class History:
         self.lists: deque[PsmiList] = deque(maxlen=MOST_LISTS)
 
     def on_event(self, event: Event) -> None:
-        """Keep what belongs here."""
+        """Keep a reading or a PSMI list."""
         if isinstance(event, SensorReading):
             self.on_reading(event)
         elif isinstance(event, PsmiList):
             self.lists.append(event)
 
     def on_reading(self, reading: SensorReading) -> None:
-        """Keep a reading; the chart that has waited longest for one gives way to one too many."""
+        """Keep a reading; beyond MOST_CHARTS the chart that has waited longest for a reading is dropped."""
         key = (reading.fleet, reading.drone, reading.sensor, reading.kind)
         chart = self.charts.setdefault(key, Chart(reading.unit))
         chart.points.append((reading.time_ms, reading.value))
@@ -51,7 +51,7 @@ class History:
             self.charts.popitem(last=False)
 
     def readings_since(self, sent: dict[ChartKey, int]) -> list[dict[str, Any]]:
-        """The points of each chart that a browser has not been sent; `sent` counts them, and is brought up to date."""
+        """The points that a browser has not been sent, by chart; `sent` counts those sent, and is updated."""
         found = []
         for key, chart in self.charts.items():
             fresh = min(chart.total - sent.get(key, 0), len(chart.points))

@@ -1,4 +1,4 @@
-"""Links that a page also shows and changes, where whoever serves it has some, as a testbed has."""
+"""The interface of links that a page also shows and changes, where its program has some, such as a testbed's."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Protocol
 
 @dataclass(frozen=True)
 class LinkFigures:
-    """How one direction of a link is now.
+    """The present figures of one direction of a link.
 
     Parameters:
-        name: of link and direction, as `air:uav3:up`.
-        packets_per_s: what went into it lately, in frames per second.
+        name: the name of link and direction, such as `air:uav3:up`.
+        packets_per_s: the recent traffic into it, in frames per second.
         bytes_per_s: the same in bytes per second.
-        rate_bps: bits per second, None where it is unlimited.
+        rate_bps: bits per second; None: unlimited.
         delay_ms: milliseconds, one way.
         loss: the share of frames that is lost, 0 to 1.
         is_closed: nothing passes.
-        is_changed: the figures are not those that were planned.
+        is_changed: the figures differ from the planned ones.
     """
 
     name: str
@@ -33,26 +33,26 @@ class LinkFigures:
 
 
 class Links(Protocol):
-    """What a page asks of its links. They are called in a thread, one after the other."""
+    """The links of a page. Their methods are called in a thread, one at a time."""
 
     @property
     def title(self) -> str:
-        """What they carry, as `MQTT-XT`."""
+        """The traffic that they carry, such as `MQTT-XT`."""
 
     def look(self) -> list[LinkFigures]:
-        """Every direction of every link; raises nothing."""
+        """The figures of every direction of every link; raises nothing."""
 
     def change(self, name: str, figures: Mapping[str, str], closed: bool) -> None:
-        """Change a link, both directions alike; what is not named stays as it is.
+        """Change a link, both directions alike; figures that are not named stay.
 
         Parameters:
-            name: of the link, as `air:uav3`.
-            figures: of `rate`, `delay` and `loss`, with their units, as `64kbit`, `200ms` and `20%`.
+            name: the link's name, such as `air:uav3`.
+            figures: `rate`, `delay` and `loss` with their units, such as `64kbit`, `200ms` and `20%`.
             closed: whether nothing passes.
 
         Raises:
-            ConfigurationError: a link or a figure that cannot be, or a change that was not made.
+            ConfigurationError: an invalid link or figure, or a change that failed.
         """
 
     def put_back(self, name: str) -> None:
-        """Make a link as it was planned; errors as `change`."""
+        """Restore a link's planned figures; errors as `change`."""

@@ -1,4 +1,4 @@
-"""Places that have a name: of a GeoJSON file, shown on the map and found by their names, without any network."""
+"""Named places of a GeoJSON file, which are shown on the map and found by name, without any network."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ MOST_BYTES = 2**20
 MOST_PLACES = 1000
 MOST_NAME = 60
 _DIGITS = 7
-"""Of degrees: what the page fills in, about a centimetre."""
+"""Decimals of the degrees that the page fills in: about a centimetre."""
 _ANY = 1e9
-"""Below it a number is one: Python reads NaN, Infinity and endless digits from JSON, too."""
+"""The bound of numbers that are accepted: Python also reads NaN, Infinity and endless digits from JSON."""
 _EXPECTED = "expected a GeoJSON file of points, each with a name"
 
 
 @dataclass(frozen=True)
 class Place:
-    """A point on the ground, in degrees north and east; no other place of its file has its `name`."""
+    """A point on the ground, in degrees north and east; its `name` is unique in its file."""
 
     name: str
     latitude_deg: float
@@ -31,7 +31,7 @@ class Place:
 
 
 def load(source: str | None) -> tuple[Place, ...]:
-    """The places of the file that `--places` names, none for none; raises ConfigurationError."""
+    """The places of the file that `--places` names; empty without one. Raises ConfigurationError."""
     if source is None:
         return ()
     try:

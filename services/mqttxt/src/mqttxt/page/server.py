@@ -1,4 +1,4 @@
-"""The web server of the page: its files, the socket over which it lives, and who is let in."""
+"""The page's web server: its files, the socket for updates and requests, and the check of who is let in."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from .tiles import HIGHEST_ZOOM, TileError, Tiles
 logger = logging.getLogger("mqttxt.page")
 
 HTTP_PORT = 80
-"""A browser leaves it out of addresses."""
+"""The port that browsers leave out of addresses."""
 MOST_REQUEST_BYTES = 2**21
-"""A plan of the most bytes that a drone takes, as QGroundControl writes it."""
+"""Room for the largest plan that a drone accepts, as QGroundControl writes it."""
 HEARTBEAT_S = 20.0
 SHUTDOWN_S = 1.0
 TICK_S = 0.1
-"""How often a browser is sent what has changed."""
+"""How often a browser is sent the changes."""
 _START = "start.js"
 _MODULES = (
     "main",
@@ -60,7 +60,7 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-"""The browser itself asks nobody but this server, and runs no script that is not one of its files, or `start`."""
+"""The browser connects to this server alone, and runs no script but its files and `start`."""
 _KEEP = {"Cache-Control": "private, max-age=3600"}
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -70,10 +70,10 @@ class Server:
     """Serves one page to any number of browsers on this machine.
 
     Parameters:
-        live: what is shown and who asks for what.
+        live: the content, which also takes the requests.
         host: a loopback address or `localhost`.
-        port: where to listen.
-        tiles: for the map; None: it has a grid alone.
+        port: the port on which to listen.
+        tiles: the map's tiles; None: it only has a grid.
     """
 
     def __init__(self, live: Live, host: str, port: int, tiles: Tiles | None = None) -> None:
@@ -103,7 +103,7 @@ class Server:
         self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=SHUTDOWN_S)
 
     async def start(self) -> None:
-        """Listen; raises ConfigurationError where that cannot be."""
+        """Start to listen; raises ConfigurationError if that fails."""
         await self._runner.setup()
         try:
             await web.TCPSite(self._runner, self._host, self._port).start()
@@ -114,12 +114,12 @@ class Server:
             raise ConfigurationError(f"{where}: cannot listen: {why}") from error
 
     async def stop(self) -> None:
-        """Take leave of every browser; raises nothing."""
+        """Close every browser's connection, and stop; raises nothing."""
         await self._runner.cleanup()
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """A name that somebody made to lead here (DNS rebinding) is not answered."""
+        """Refuse requests under another host name, which DNS rebinding may have made to lead here."""
         if request.host not in self._hosts:
             raise web.HTTPForbidden(text=f"expected the address {self.url}\n")
         return await handler(request)
@@ -137,7 +137,7 @@ class Server:
         return web.Response(body=self._files[name], content_type=_FILES[name], charset="utf-8")
 
     async def _tile(self, request: web.Request) -> web.Response:
-        """A tile of the map: this program asks for it, so that the browser asks nobody else."""
+        """A tile of the map: this program fetches it, so that the browser connects to no other server."""
         zoom, x, y = (int(request.match_info[name]) for name in ("zoom", "x", "y"))
         if self._tiles is None or zoom > HIGHEST_ZOOM or max(x, y) >= 2**zoom:
             raise web.HTTPNotFound(text="there is no such tile\n")
@@ -151,15 +151,15 @@ class Server:
         return web.Response(body=found, content_type="application/octet-stream", headers=_KEEP)
 
     async def _log(self, request: web.Request) -> web.Response:
-        """Everything that the log holds, or what of it contains `search`; with `all` every event."""
+        """All entries of the log, or those that contain `search`; with `all` every event."""
         lines = self._live.log.lines(request.query.get("search", ""), "all" in request.query)
-        text = await asyncio.to_thread("".join, lines)  # thousands of them: events go on meanwhile
+        text = await asyncio.to_thread("".join, lines)  # thousands of lines, while events go on
         response = web.Response(text=text, content_type="application/jsonl", charset="utf-8")
         response.headers["Content-Disposition"] = 'attachment; filename="mqttxt-log.jsonl"'
         return response
 
     async def _socket(self, request: web.Request) -> web.WebSocketResponse:
-        """The page's socket: another site's script that opens it has another Origin, and is refused."""
+        """The page's socket. A script of another site has another Origin, and is refused."""
         if request.headers.get("Origin") != f"http://{request.host}":
             raise web.HTTPForbidden(text=f"expected the Origin of {self.url}\n")
         socket = web.WebSocketResponse(max_msg_size=MOST_REQUEST_BYTES, heartbeat=HEARTBEAT_S)
@@ -189,7 +189,7 @@ class Server:
 
 
 async def _send(socket: web.WebSocketResponse, viewer: Viewer) -> None:
-    """What has changed, in one message a tick; a slow browser is sent the newest, and holds up nobody else."""
+    """Send the changes, one message per tick; a slow browser gets the newest, and delays no other."""
     while True:
         update: dict[str, Any] = viewer.take()
         if update:

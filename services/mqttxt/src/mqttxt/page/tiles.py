@@ -1,4 +1,4 @@
-"""Tiles for the map: of a PMTiles file, or of a tile server, which this program alone asks."""
+"""Tiles for the map, from a PMTiles file or from a tile server, which only this program contacts."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ from ..errors import ConfigurationError
 
 MOST_TILE_BYTES = 2**23
 ANSWER_S = 20.0
-"""How long a tile server may take."""
+"""How long a tile server may take to answer."""
 HIGHEST_ZOOM = 22
 _ADDRESS = "https://tiles.example/{z}/{x}/{y}.png"
 _EXPECTED = f"expected FILE.pmtiles, or a tile server's address, as {_ADDRESS}"
 _FIELDS = ("{z}", "{x}", "{y}")
 _SHAPES = (".mvt", ".pbf")
-"""How the addresses of vector tiles end."""
+"""The endings of vector tiles' addresses."""
 _HIGHEST = {True: 14, False: 19}
-"""The highest zoom that tile servers have: of vector tiles, and of pictures."""
+"""The highest zoom of tile servers: for vector tiles, and for pictures."""
 _MARKUP = re.compile(r"<[^>]*>")
 _BROKEN = (OSError, EOFError, ValueError, LookupError, zlib.error)
-"""What reading a file raises that is none, or not whole."""
+"""The exceptions of reading a file that is invalid or incomplete."""
 
 
 class TileError(Exception):
-    """A tile that could not be had now; the text is one line."""
+    """A tile that is not available now; the text is one line."""
 
 
 @dataclass(frozen=True)
 class Offer:
-    """What tiles there are.
+    """The tiles that a source offers.
 
     Parameters:
         lowest: the lowest zoom, 0 for the whole world in one tile.
         highest: the highest zoom.
-        shapes: they are vector tiles, which the browser paints; otherwise pictures.
-        credit: whom they are from, as plain text.
+        shapes: True for vector tiles, which the browser paints; False for pictures.
+        credit: the attribution, as plain text.
     """
 
     lowest: int
@@ -59,17 +59,17 @@ class Offer:
 
 
 class Tiles(Protocol):
-    """Where tiles come from."""
+    """A source of tiles."""
 
     offer: Offer
 
     async def tile(self, zoom: int, x: int, y: int) -> bytes | None:
-        """A tile, None where there is none; raises TileError."""
+        """A tile, or None if there is none; raises TileError."""
 
 
 @contextlib.asynccontextmanager
 async def opened(source: str | None) -> AsyncIterator[Tiles | None]:
-    """The tiles that `--tiles` names, None for none; raises ConfigurationError."""
+    """The tiles that `--tiles` names, None without it; raises ConfigurationError."""
     if source is None:
         yield None
     elif "://" in source:
@@ -109,7 +109,7 @@ class TileFile:
         self.offer = Offer(header["min_zoom"], header["max_zoom"], kind is TileType.MVT, credit)
 
     async def tile(self, zoom: int, x: int, y: int) -> bytes | None:
-        """A tile, None where there is none; raises TileError."""
+        """A tile, or None if there is none; raises TileError."""
         return await asyncio.to_thread(self._read, zoom, x, y)
 
     def _read(self, zoom: int, x: int, y: int) -> bytes | None:
@@ -121,12 +121,12 @@ class TileFile:
 
 
 class TileServer:
-    """A tile server; each tile is asked of it when a browser asks for it.
+    """A tile server; each tile is fetched when a browser requests it.
 
     Parameters:
-        address: with `{z}`, `{x}` and `{y}`.
-        offer: what it is taken to have.
-        session: by which it is asked.
+        address: its address, with `{z}`, `{x}` and `{y}`.
+        offer: the tiles that it is assumed to have.
+        session: the HTTP session for its requests.
     """
 
     def __init__(self, address: str, offer: Offer, session: aiohttp.ClientSession) -> None:
@@ -135,7 +135,7 @@ class TileServer:
         self._session = session
 
     async def tile(self, zoom: int, x: int, y: int) -> bytes | None:
-        """A tile, None where there is none; raises TileError. It follows no redirection to another machine."""
+        """A tile, or None if there is none; raises TileError. Redirections are not followed."""
         address = self._address
         for field, value in zip(_FIELDS, (zoom, x, y), strict=True):
             address = address.replace(field, str(value))
@@ -179,6 +179,6 @@ def _bytes_of(path: Path) -> Callable[[int, int], bytes]:
 
 
 def _credit(metadata: object) -> str:
-    """Whom a file names as its author, without markup."""
+    """The attribution that a file names, without markup."""
     found = metadata.get("attribution") if isinstance(metadata, dict) else None
     return printable(_MARKUP.sub("", found)).strip() if isinstance(found, str) else ""

@@ -1,4 +1,4 @@
-"""What a word about a command means, in plain English for somebody who has not read the specification."""
+"""The meaning of words about commands, in plain English for readers who do not know the specification."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WORDS = {
         "Nobody knows: it may have happened, and may still happen. Look at the drone before you command it again."
     ),
 }
-"""What each word says by itself."""
+"""The meaning of each word alone."""
 
 UNOBSERVED = "The autopilot has accepted it; nothing shows the effect."
 
@@ -102,12 +102,12 @@ REASONS = {
     "wrong_mode": "The autopilot did not take the flight mode that the command needs.",
     "wrong_value": "The parameter's type does not have this value.",
 }
-"""What the specification's reasons say; an autopilot's own words are shown as they are."""
+"""The meaning of the specification's reasons; an autopilot's own words are shown unchanged."""
 
 OF_ACTIVATOR = "The fog's activator says so; the drone has not signed it."
-"""What it says in a fleet that signs, where a last word is not the drone's own (R12.11)."""
+"""Added in a fleet that signs, if a last word is not signed by the drone (R12.11)."""
 HELD = "Another ground station controls the drone"
-"""What it says where the reason names that station (R6.6)."""
+"""The text for a reason that names that station (R6.6)."""
 
 LEFT_OUT = {
     NOT_IN_CONTROL: "this station does not control it",
@@ -118,25 +118,25 @@ LEFT_OUT = {
     "tried": "asked before",
     "unreachable": "not reachable",
 }
-"""Why a drone was left out of a choice; a state of which nothing, or nothing new, is known is named."""
+"""Reasons why a drone was left out of a choice; an unknown or stale state is named instead."""
 _OF_STATE = re.compile(r"(unknown|stale)\((\w+)\)")
 _KNOWN = {"unknown": "not known", "stale": "too old"}
 
 
 def headline(outcome: Outcome) -> str:
-    """An outcome as `drone 1: takeoff superseded`, without the specification's code of the reason."""
+    """An outcome such as `drone 1: takeoff superseded`, without the specification's code of the reason."""
     text = str(replace(outcome, reason=None, superseded_by=None))
     said = outcome.word.label
     return text.replace(said, said.replace("_", " "))
 
 
 def code_of(said: Outcome | PsmiList) -> str:
-    """What the specification's words say, in one line."""
+    """The outcome or list in the specification's words, in one line."""
     return printable(str(said).replace("\n", ";"))
 
 
 def in_plain_english(outcome: Outcome) -> str:
-    """One or two sentences on an outcome; texts of others are printable."""
+    """One or two sentences on an outcome; texts from other nodes are made printable."""
     text = WORDS[outcome.word] if outcome.observed else UNOBSERVED
     if outcome.settled:
         text = f"The truth, known afterwards. {text}"
@@ -146,7 +146,7 @@ def in_plain_english(outcome: Outcome) -> str:
 
 
 def choice_in_plain_english(found: PsmiList) -> tuple[str, str]:
-    """Whom a fog chose, and of whom."""
+    """The drone that a fog chose, and the candidates."""
     chosen = "nobody" if found.chosen is None else f"drone {in_fleet(found.fleet, found.chosen)}"
     parts = []
     if found.listed:
@@ -188,6 +188,6 @@ def _reason(reason: str) -> str:
 
 
 def _parted(reason: str) -> tuple[str, str]:
-    """A reason's code, and what follows it, printable."""
+    """A reason's code, and the printable text after it."""
     code, *details = re.split("[:,]", reason, maxsplit=1)
     return code.strip(), printable("".join(details).strip())

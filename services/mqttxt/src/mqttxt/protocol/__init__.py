@@ -1,1 +1,1 @@
-"""The protocol: topics, and what travels on them as bytes. No clock, no network, no node."""
+"""The protocol: topics, and their payloads as messages and as bytes. No clock, no network, no node."""

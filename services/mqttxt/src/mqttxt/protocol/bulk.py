@@ -1,6 +1,6 @@
 """Objects that are carried in pieces between a station and a drone, named by their hash (docs/protocol.md, section 16).
 
-Which kind an object is of says only who makes sense of it: the carrying is the same for all.
+The kind of an object only decides who interprets it: all kinds are carried alike.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from .fields import U32, VERSION, Binary, Hash, Integer, Items, Name, Reason, Se
 
 PIECE_BYTES = 512
 WINDOW_BYTES = 1024
-"""Bytes of objects that may be under way to or from a drone without an answer: one TCP stream has no priorities."""
+"""Bytes of objects that may be under way to or from a drone unanswered: a TCP stream has no priorities."""
 MOST_BYTES = 1 << 20
-"""Of an object that is kept in memory: of any but a log."""
+"""Of an object in memory, which is any but a log."""
 MOST_RANGES = 16
 
 ObjectKind = Annotated[str, Name()]
@@ -139,7 +139,7 @@ class BulkAnswer:
 
 
 class Partial:
-    """An object of which not all bytes need be there: what came, and which ranges that is."""
+    """An object that may be incomplete: the received bytes, and their ranges."""
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -155,7 +155,7 @@ class Partial:
         return bytes(self._data)
 
     def put(self, offset: int, data: bytes) -> bool:
-        """Take a piece in; False, and nothing taken, where it lies outside or would make too many ranges."""
+        """Take a piece in. Returns False, and takes nothing, if it lies outside or would make too many ranges."""
         end = offset + len(data)
         if end > self.size:
             return False
@@ -167,14 +167,14 @@ class Partial:
         return True
 
     def missing(self) -> list[Range]:
-        """The ranges that are not there, in order."""
+        """The missing ranges, in order."""
         ends = [0, *(has.end for has in self.ranges)]
         starts = [*(has.start for has in self.ranges), self.size]
         return [Range(start, end) for start, end in zip(ends, starts, strict=True) if start < end]
 
 
 def _joined(ranges: Iterable[Range]) -> tuple[Range, ...]:
-    """In order, and those that touch as one."""
+    """The ranges in order, with overlapping and adjacent ones joined."""
     out: list[Range] = []
     for each in sorted(ranges, key=lambda one: one.start):
         if out and each.start <= out[-1].end:

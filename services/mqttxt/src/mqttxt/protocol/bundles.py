@@ -14,7 +14,7 @@ from .states import STATE, State
 from .values import Encoding, Plain
 
 MAX_DRONES = 50
-"""Entries of one fog bundle, so that it stays below the longest payload with every state of each, in JSON too."""
+"""The most entries of a fog bundle: with every state of each it stays below the longest payload, even in JSON."""
 
 
 _MOST_STATES = 64
@@ -22,7 +22,7 @@ _STAMPS = range(2**16)
 _ITEMS = {
     code: (frozenset({code}), *whole) for code, _, cls in STATE.codes if (whole := layout_of(cls).whole) is not None
 }
-"""What the fields of a state in a bundle may be, its code in front, where all are whole numbers."""
+"""The allowed integers of a bundled state's code and fields, for states whose fields are all integers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,18 +58,18 @@ class FogBundle:
 
 
 def drone_bundle(states: Iterable[State], stamp: int) -> DroneBundle:
-    """The bundle of what is due together."""
+    """The bundle of states that are due together."""
     return DroneBundle(stamp=stamp, states=tuple(BundledState(state=state) for state in states))
 
 
 def plain_states(payload: bytes) -> list[PlainState]:
-    """The states in a drone's bundle; raises PayloadError."""
+    """The states in a drone's bundle. Raises PayloadError."""
     own_stamp, items = plain_of(DroneBundle, payload, _is_plainly_right)
     return [PlainState(STATE.by_code[item[0]].name, own_stamp, item) for item in items]
 
 
 def _is_plainly_right(plain: Plain) -> bool:
-    """Whether all that a drone's bundle says are whole numbers that may be there; False where in doubt."""
+    """Whether a drone's bundle has only allowed integers; False if in doubt."""
     if type(plain) is not list or len(plain) != 2 or type(plain[0]) is not int or plain[0] not in _STAMPS:
         return False
     items = plain[1]
@@ -82,7 +82,7 @@ def _is_plainly_right(plain: Plain) -> bool:
 
 
 def fog_bundles(relayed: Iterable[tuple[int, StampedState]]) -> list[FogBundle]:
-    """The bundles of (drone, relayed state) pairs: one entry for each drone and pair of stamps, in their order."""
+    """The bundles of (drone, relayed state) pairs: one entry for each drone and pair of stamps, in order."""
     grouped: dict[tuple[int, int, int], list[BundledState]] = {}
     for drone, message in relayed:
         assert message.relay_stamp is not None
@@ -96,7 +96,7 @@ def fog_bundles(relayed: Iterable[tuple[int, StampedState]]) -> list[FogBundle]:
 
 
 def encode_fog_bundles(relayed: Iterable[tuple[int, int, PlainState]], encoding: Encoding) -> list[bytes]:
-    """The payloads of what `fog_bundles` would make of (drone, relay stamp, state)."""
+    """The payloads of the bundles that `fog_bundles` would make of (drone, relay stamp, state) triples."""
     if encoding is Encoding.JSON:
         pairs = [(drone, StampedState(state.state, state.stamp, relay_stamp)) for drone, relay_stamp, state in relayed]
         return [encode(bundle, encoding) for bundle in fog_bundles(pairs)]

@@ -1,4 +1,4 @@
-"""CBOR as payloads are written and read: canonical, of bounded length and depth, without tags."""
+"""Writes and reads payloads as CBOR: canonical, of bounded length and depth, without tags."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ MAX_PAYLOAD = 61_440
 """Bytes; a longer payload is refused unread. The rankings of 250 drones in JSON are shorter."""
 _MAX_DEPTH = 8
 _MOST_PAIRS = 8
-"""Of a map; COSE's header, the only one that there is, has three."""
+"""The most pairs of a map; the only map in use, COSE's header, has three."""
 _QUICK = 2048
-"""Bytes of a payload that costs little to read, whatever it is."""
+"""Payloads of at most this many bytes cost little to read, whatever they contain."""
 _ARGUMENT_BYTES = {24: 1, 25: 2, 26: 4, 27: 8}
-"""By the low five bits of an item's first byte (RFC 8949, section 3)."""
+"""The length of an item's argument by the low five bits of its first byte (RFC 8949, section 3)."""
 _BYTES, _TEXT, _MAP = 2, 3, 5
 _PAIR = b"\x82"
 _END = secrets.token_bytes(16)
 _END_ITEM = b"\x50" + _END
-"""Nobody knows what stands behind a payload: what is read there shows that the payload was one item, and whole.
+"""A secret item appended to each payload: reading it back shows that the payload was exactly one whole item.
 
-cbor2 says where an item ended only of a stream, of which it takes twice as long to read.
+cbor2 gives the end of an item only for a stream, which takes twice as long to read.
 """
 
 
 class _NoTags(dict[int, Callable[..., NoReturn]]):
-    """Refuses every tag. No message has one, and what a tag makes of a value can cost anything: 60 kB of a regular
-    expression (35) take half a minute to read, some hundred bytes that refer to each other (28, 29) fill a memory.
+    """Refuses every tag. No message has one, and decoding a tagged value can cost anything: a regular expression (35)
+    of 60 kB takes half a minute, and some hundred bytes of shared references (28, 29) fill the memory.
     """
 
     def __missing__(self, tag: int) -> Callable[..., NoReturn]:
@@ -47,12 +47,12 @@ NO_TAGS = _NoTags()
 
 
 def encode_plain(plain: Plain) -> bytes:
-    """CBOR of what is an array of a message already; floats in the shortest form that loses nothing."""
+    """The CBOR of a message's array, with floats in the shortest form that loses nothing."""
     return cbor2.dumps(plain, canonical=True)
 
 
 def check_length(payload: bytes) -> None:
-    """Raises PayloadError for a payload that is not read, in either form."""
+    """Raises PayloadError for a payload that is empty or too long, in either form."""
     if not payload:
         raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
     if len(payload) > MAX_PAYLOAD:
@@ -60,16 +60,16 @@ def check_length(payload: bytes) -> None:
 
 
 def parse_cbor(data: bytes) -> Plain:
-    """What one item of CBOR says; raises PayloadError for anything else."""
+    """The value of one CBOR item. Raises PayloadError for anything else."""
     if not 0 < len(data) <= MAX_PAYLOAD:
         raise PayloadError(f"payload: expected 1 to {MAX_PAYLOAD} bytes, got {len(data)}", "too_long")
     return read_cbor(data)
 
 
 def check_maps(payload: bytes) -> None:
-    """Raises ValueError for a map of many keys in a long payload: keys with one hash take quadratic time to read.
+    """Raises ValueError for a map of many keys in a long payload: keys with equal hashes take quadratic time to read.
 
-    It walks over the items' heads and looks at nothing else; the decoder refuses what is wrong with them.
+    It only walks over the items' heads; the decoder refuses malformed ones.
     """
     at = 0 if len(payload) > _QUICK else len(payload)
     while at < len(payload):
@@ -83,7 +83,7 @@ def check_maps(payload: bytes) -> None:
 
 
 def read_cbor(payload: bytes) -> Plain:
-    """As `parse_cbor`, of a payload whose length has been checked."""
+    """As `parse_cbor`, for a payload whose length has been checked."""
     try:
         check_maps(payload)
         plain, end = cbor2.loads(

@@ -1,7 +1,7 @@
-"""Payloads to and from bytes: CBOR by default, JSON for people; the first byte tells which.
+"""Payloads to and from bytes: CBOR by default, JSON for people; the first byte shows which.
 
-Decoding refuses what it does not know (version, field, type, range, NaN) with a PayloadError that names the
-field; it never guesses. Both forms decode to equal dataclasses.
+Decoding refuses an unknown version or field, a wrong type, a value out of range and NaN, with a PayloadError that names
+the field; it never guesses. Both forms decode to equal dataclasses.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .fields import Integer, Items, Variant
 from .values import Converters, Encoding, Plain, converters, item_of, mark_of, refuse, whole_numbers
 
 _JSON = b"{"
-"""The first byte of a JSON object; no message in CBOR begins so."""
+"""The first byte of a JSON object; no message in CBOR begins with it."""
 
 
 Message = TypeVar("Message")
@@ -26,9 +26,9 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """One field of a message: its name, whether it may be missing, and its way in and out of both forms.
+    """One field of a message: its name, whether it may be missing, and its conversions to and from both forms.
 
-    Whole numbers in `as_is` are the same in both.
+    Integers in `as_is` are the same in both forms.
     """
 
     name: str
@@ -41,9 +41,9 @@ class FieldLayout:
 
 @dataclass(frozen=True)
 class Layout:
-    """A message's fields in order, and its variant where it ends in one.
+    """A message's fields in order, and its variant if it ends in one.
 
-    `whole` has what each field may be in CBOR where all of them are whole numbers.
+    `whole` has each field's allowed integers in CBOR if all fields are integers, otherwise None.
     """
 
     cls: type[Any]
@@ -54,19 +54,19 @@ class Layout:
 
 
 def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
-    """The bytes of a message; raises PayloadError when a field cannot be carried."""
+    """The bytes of a message. Raises PayloadError if a field cannot be carried."""
     if encoding is Encoding.JSON:
         return json.dumps(_to_object(message), separators=(",", ":"), allow_nan=False).encode()
     return encode_plain(_to_array(message))
 
 
 def decode(cls: type[Message], payload: bytes) -> Message:
-    """The message of type `cls` in `payload`; raises PayloadError."""
+    """The message of type `cls` in `payload`. Raises PayloadError."""
     return cls(**decode_values(cls, payload))
 
 
 def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
-    """The checked values of a message's fields, by name, where the message itself is not needed."""
+    """The checked values of a message's fields, by name, without making the message. Raises PayloadError."""
     check_length(payload)
     if payload[:1] != _JSON:
         return _values_of_array(cls, read_cbor(payload), "")
@@ -80,9 +80,9 @@ def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
 def plain_of(
     cls: type[Any], payload: bytes, is_plainly_right: Callable[[Plain], bool] = lambda plain: False
 ) -> list[Plain]:
-    """The array of a message of type `cls` as CBOR has it, checked but not made into a message; raises PayloadError.
+    """The CBOR array of a message of type `cls`, checked but not made into a message. Raises PayloadError.
 
-    `is_plainly_right` may say so of an array that needs no closer look.
+    `is_plainly_right` returns True for arrays that need no full check.
     """
     if payload[:1] == _JSON:
         return _to_array(decode(cls, payload))
@@ -94,12 +94,12 @@ def plain_of(
 
 
 def values_of_plain(cls: type[Any], plain: list[Plain]) -> dict[str, Any]:
-    """The values of a message's fields, by name, in its array; raises PayloadError."""
+    """The values of a message's fields, by name, from its CBOR array. Raises PayloadError."""
     return _values_of_array(cls, plain, "")
 
 
 def is_whole(fields: tuple[Container[int], ...] | None, plain: Plain) -> bool:
-    """Whether an array has in each field a whole number that may be there; False where in doubt."""
+    """Whether each field of an array is an allowed integer; False if in doubt."""
     if fields is None or type(plain) is not list or len(plain) != len(fields):
         return False
     for value, allowed in zip(plain, fields, strict=True):
@@ -109,17 +109,17 @@ def is_whole(fields: tuple[Container[int], ...] | None, plain: Plain) -> bool:
 
 
 def encoding_of(payload: bytes) -> Encoding:
-    """Which form a payload has, by its first byte."""
+    """The form of a payload, by its first byte."""
     return Encoding.JSON if payload[:1] == _JSON else Encoding.CBOR
 
 
 def layout_of(cls: type[Any]) -> Layout:
-    """How `cls` is written, by its annotations."""
+    """The layout of `cls`, by its annotations."""
     return _LAYOUTS[cls]
 
 
 class _Layouts(dict[type[Any], Layout]):
-    """The layout of each class, made when it is first looked for."""
+    """The layout of each class, made at its first lookup."""
 
     def __missing__(self, cls: type[Any]) -> Layout:
         self[cls] = _make_layout(cls)
@@ -189,7 +189,7 @@ def _to_object(message: object) -> dict[str, Plain]:
 
 
 def _written(layout: Layout, message: object, encoding: Encoding) -> list[Plain]:
-    """The values of a message's fields in one of the forms; raises PayloadError naming the field."""
+    """The values of a message's fields in one of the forms. Raises PayloadError naming the field."""
     row: list[Plain] = []
     for field in layout.fields:
         value = getattr(message, field.name)

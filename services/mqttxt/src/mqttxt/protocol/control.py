@@ -1,4 +1,4 @@
-"""The messages about who is registered at a fog, and who controls a drone (docs/protocol.md, section 6)."""
+"""The messages about registration at a fog and control of drones (docs/protocol.md, section 6)."""
 
 from __future__ import annotations
 

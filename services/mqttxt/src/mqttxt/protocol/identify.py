@@ -1,4 +1,4 @@
-"""Which command a payload names that cannot be decoded, so that it can be answered all the same."""
+"""Reads the command id from a payload that cannot be decoded, so that the command can be answered anyway."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .messages import CommandId
 
 
 def identify(payload: bytes) -> CommandId | None:
-    """The id in a malformed command, None where it has none that can be read."""
+    """The id in a malformed command, None if no id can be read."""
     if not 0 < len(payload) <= MAX_PAYLOAD:
         return None
     try:
@@ -35,6 +35,6 @@ def identify(payload: bytes) -> CommandId | None:
 
 
 def _lenient(payload: bytes) -> Any:
-    """What CBOR says first, whatever follows."""
+    """The first CBOR item, whatever follows it."""
     check_maps(payload)
     return cbor2.CBORDecoder(BytesIO(payload), semantic_decoders=NO_TAGS).decode()

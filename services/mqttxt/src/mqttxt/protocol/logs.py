@@ -1,4 +1,4 @@
-"""The flight logs of an autopilot on the wire: which there are, and how one of them is named (section 18)."""
+"""An autopilot's flight logs on the wire: the list of logs, and the name of each (section 18)."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ class LogsObject:
 
 
 def pack_logs(logs: Iterable[FlightLog]) -> bytes:
-    """A list of logs as an object; raises PayloadError for too many."""
+    """A list of logs as an object. Raises PayloadError for too many."""
     return pack(LogsObject(logs=tuple(logs)), LOGS)
 
 
 def unpack_logs(data: bytes) -> tuple[FlightLog, ...]:
-    """The logs in an object; raises PayloadError."""
+    """The logs in an object. Raises PayloadError, also if two have one number."""
     logs = unpack(LogsObject, data, LOGS).logs
     if len({log.number for log in logs}) < len(logs):
         raise PayloadError(f"{LOGS}: expected each number once")

@@ -1,7 +1,7 @@
 """The messages that travel on MQTT-XT's topics, as frozen dataclasses (docs/protocol.md, sections 3 to 9).
 
-Every message but a beacon and a state leads with the payload's version; those two belong to a session
-whose birth named it. Times are milliseconds in the session clock of whoever the field names.
+Every message begins with the payload's version, except beacons, states and bundles of states: they belong to a session
+whose birth named it. Times are milliseconds in the session clock of the node that the field names.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ class Word(Named):
 
     @property
     def is_definite_no(self) -> bool:
-        """Whether it says that the command was not started, and will not be."""
+        """Whether it means that the command was not started, and will not be."""
         return self in (Word.DENIED, Word.UNSUPPORTED, Word.EXPIRED, Word.OVERTAKEN, Word.UNREACHABLE)
 
 
 def without_contradiction(word: Word, reason: str | None, earlier: Word | None) -> tuple[Word, str | None]:
-    """A word behind an earlier one. A definite no behind a first word, as of an executor that was started anew and
-    remembers nothing, is `unconfirmed`: what was begun may go on."""
+    """The word to publish after an earlier one. A definite no after a first word, as from an executor that restarted
+    and remembers nothing, becomes `unconfirmed`: the command may go on."""
     if earlier is None or earlier.is_last or not word.is_definite_no:
         return word, reason
     return Word.UNCONFIRMED, f"{word.label} after {earlier.label}"
@@ -181,11 +181,11 @@ class WordTogether(Said, _OfDrone):
 
     @classmethod
     def of(cls, drone: int, result: ResultMessage) -> Self:
-        """What a result says, for a message that has its command's id already."""
+        """The fields of a result, for a message that already has the command's id."""
         return cls(drone=drone, **{field.name: getattr(result, field.name) for field in fields(Said)})
 
     def result(self, about: AboutCommand) -> ResultMessage:
-        """As it would have come alone."""
+        """The word as a result of its own."""
         said = {field.name: getattr(self, field.name) for field in fields(Said)}
         return ResultMessage(gs_session=about.gs_session, seq=about.seq, **said)
 

@@ -1,4 +1,4 @@
-"""Objects that are carried in pieces are compressed messages (RFC 1950), of bounded size on both sides."""
+"""Packs the objects that are carried in pieces: compressed messages (RFC 1950), bounded before and after."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Message = TypeVar("Message")
 
 
 def pack(message: Any, what: str) -> bytes:
-    """The bytes of an object; raises PayloadError for a field that cannot be carried, and for too long an object."""
+    """The bytes of an object. Raises PayloadError for a field that cannot be carried, and for too long an object."""
     plain = encode(message)
     if len(plain) > MAX_PAYLOAD:
         raise PayloadError(f"{what}: expected at most {MAX_PAYLOAD} bytes before compression, got {len(plain)}")
@@ -21,7 +21,7 @@ def pack(message: Any, what: str) -> bytes:
 
 
 def unpack(cls: type[Message], data: bytes, what: str) -> Message:
-    """The object of type `cls` in `data`; raises PayloadError."""
+    """The object of type `cls` in `data`. Raises PayloadError for any other data."""
     inflater = zlib.decompressobj()
     try:
         plain = inflater.decompress(data, MAX_PAYLOAD + 1)

@@ -1,4 +1,4 @@
-"""A plan on the wire: mission, geofence and rally points as lists of MAVLink's items, and what names each list."""
+"""A plan on the wire: mission, geofence and rally points as lists of MAVLink's items, and the hash of each list."""
 
 from __future__ import annotations
 
@@ -65,29 +65,29 @@ class PlanObject:
 
     @property
     def lists(self) -> dict[PlanList, tuple[PlanItem, ...]]:
-        """The lists that are there."""
+        """The lists that the object has."""
         found = {PlanList.MISSION: self.mission, PlanList.FENCE: self.fence, PlanList.RALLY: self.rally}
         return {kind: items for kind, items in found.items() if items is not None}
 
     @classmethod
     def of(cls, lists: Mapping[PlanList, tuple[PlanItem, ...]]) -> PlanObject:
-        """From the lists that are there."""
+        """The object with these lists; others are absent."""
         kinds = (PlanList.MISSION, PlanList.FENCE, PlanList.RALLY)
         mission, fence, rally = (lists.get(kind) for kind in kinds)
         return cls(mission=mission, fence=fence, rally=rally)
 
     def packed(self) -> bytes:
-        """Its bytes; raises PayloadError for a field that cannot be carried, and for too long a plan."""
+        """The bytes of the object. Raises PayloadError for a field that cannot be carried, and for too long a plan."""
         return pack(self, PLAN)
 
     @classmethod
     def unpacked(cls, data: bytes) -> PlanObject:
-        """From its bytes; raises PayloadError."""
+        """The object from its bytes. Raises PayloadError."""
         return unpack(cls, data, PLAN)
 
 
 def hash_of(data: bytes) -> bytes:
-    """What names an object that is carried in pieces."""
+    """The hash that names an object that is carried in pieces."""
     return hashlib.sha256(data).digest()[:HASH_BYTES]
 
 
@@ -97,12 +97,12 @@ class _Listed:
 
 
 def list_hash(items: Iterable[PlanItem]) -> bytes:
-    """What names a list: the hash of its items in CBOR."""
+    """The hash that names a list, of its items in CBOR."""
     return hash_of(encode(_Listed(items=tuple(items))))
 
 
 def single(value: float | None) -> float | None:
-    """A float as 32 bits hold it; what no 32 bits hold is left for the codec to refuse."""
+    """A float rounded to 32 bits, None for NaN; one that is too large is left for the codec to refuse."""
     if value is None or math.isnan(value):
         return None
     try:

@@ -17,10 +17,10 @@ def _any_change(old: State, new: State) -> bool:
 
 @dataclass(frozen=True)
 class Policy:
-    """When a state is published: beyond its deadband, at most at its rate, at least once a heartbeat interval.
+    """When a state is published: beyond its deadband, at most at its rate, at least once per heartbeat interval.
 
-    `exceeds(old, new)`: whether the change is larger than the deadband, which `deadband` has in words. Where it
-    `is_for_rest`, that holds for a drone that is disarmed, and an armed one publishes any change.
+    `exceeds(old, new)`: whether the change is larger than the deadband, which `deadband` has in words. With
+    `is_for_rest` the deadband is for a disarmed drone, and an armed one publishes any change.
     """
 
     exceeds: Callable[[Any, Any], bool]
@@ -38,7 +38,7 @@ def _beyond(
     rest: bool = False,
     heartbeat_ms: int = 30_000,
 ) -> Policy:
-    """Once a change is larger than `limit`; `words` go with it in the specification's table."""
+    """Publish changes larger than `limit`; `words` follow it in the specification's table."""
     said = f"{limit:g}{unit}{words}"
     return Policy(lambda old, new: change(old, new) > limit, 1000, heartbeat_ms, said, rest)
 
@@ -60,7 +60,7 @@ def _home_moved_m(old: Home, new: Home) -> float:
 
 
 def _gained_pct(old: Battery, new: Battery) -> float:
-    """A battery under load reads a percent lower and higher by turns: each figure is published once while it drains."""
+    """The gain; a loss is infinite. A loaded battery's readings alternate: each is published once while it drains."""
     gained = new.remaining_pct - old.remaining_pct
     return math.inf if gained < 0 else gained
 
@@ -75,12 +75,12 @@ def _sped_m_s(old: Groundspeed, new: Groundspeed) -> float:
 
 
 def _changed_m_s(old: VelocityNed, new: VelocityNed) -> float:
-    """Along the axis that has changed most."""
+    """The change along the axis that has changed most."""
     return max(abs(old.north_m_s - new.north_m_s), abs(old.east_m_s - new.east_m_s), abs(old.down_m_s - new.down_m_s))
 
 
 def _is_other_reception(old: Gps, new: Gps) -> bool:
-    """Satellites come and go by ones all the time."""
+    """Beyond the single satellites that always come and go."""
     if old.fix is not new.fix or (old.satellites is None) != (new.satellites is None):
         return True
     return abs((old.satellites or 0) - (new.satellites or 0)) > SATELLITES or _beyond_hdop(old.hdop, new.hdop)
@@ -101,12 +101,12 @@ def _is_other_power(old: Power, new: Power) -> bool:
 SATELLITES, HDOP = 2, 0.5
 VOLTS, AMPERES = 0.2, 5.0
 VELOCITY_MS = 3000
-"""How often `velocity` is published at least: by it a station knows within seconds that it hears the drone."""
+"""The longest interval of `velocity`, which shows a station within seconds that it still receives the drone."""
 _URGENTLY = Policy(_any_change, min_interval_ms=100)
 _AT_ONCE = Policy(_any_change, min_interval_ms=1000)
 HOME_M = 1.0
-"""Home that is further from where it was is another place: PX4 moves it by up to 0.7 m across and 1.2 m up, every two
-seconds, while its position settles."""
+"""Beyond this distance home is at another place: PX4 moves it by up to 0.7 m across and 1.2 m up, every two seconds,
+while its position settles."""
 
 POLICIES: dict[str, Policy] = {
     "battery": _beyond(1, " %", _gained_pct, " more, any less"),
@@ -127,22 +127,22 @@ POLICIES: dict[str, Policy] = {
     "mission": _AT_ONCE,
     "fence": _URGENTLY,
 }
-"""The defaults; a `text` is no state that lasts, and leaves as it comes."""
+"""The defaults; a `text` has none, as it does not last and is published on arrival."""
 ON_REQUEST = frozenset({*("velocity", "gps", "power", "airframe"), AutopilotText.name})
-"""States that are published only where the UAV client is set to, or while `stream` asks for them (R3.11)."""
+"""States that are published only if an option of the UAV client says so, or while `stream` requests them (R3.11)."""
 
 
 def is_elsewhere(old: Home, new: Home) -> bool:
-    """Whether home was put to another place, and not only corrected in its altitude."""
+    """Whether home was moved to another place, and not only corrected in its altitude."""
     return _across_m(old, new) > HOME_M
 
 
 URGENT = frozenset({"armed", "flight_mode", "landed_state"})
-"""What a bundle does not wait with."""
+"""States for which a bundle leaves early."""
 
 
 class Throttle:
-    """Decides when each state of one drone is published, by its policy; `apart` are those that others publish."""
+    """Decides when each state of one drone is published, by its policy; states in `apart` are left out."""
 
     def __init__(self, policies: dict[str, Policy] | None = None) -> None:
         self.apart: frozenset[str] = frozenset()
@@ -155,7 +155,7 @@ class Throttle:
         self._current[state.name] = state
 
     def due(self, now_ms: int) -> list[State]:
-        """The states to publish now, in the order of their first appearance; they count as published."""
+        """The states to publish now, in the order of their first appearance; they then count as published."""
         found = self._due(now_ms)
         for state in found:
             self._published[state.name] = (state, now_ms)
@@ -166,22 +166,22 @@ class Throttle:
         return self._current.get(name)
 
     def is_due(self, names: Iterable[str], now_ms: int) -> bool:
-        """Whether any of some states would be published now."""
+        """Whether any of the states in `names` would be published now."""
         return any(name in self._current and self._is_due(name, now_ms) for name in names)
 
     def forget_published(self) -> None:
-        """Publish everything anew at the next `due`: the other side lost what it knew."""
+        """Publish every state at the next `due`: the receiver has lost them."""
         self._published.clear()
 
     def repeat_published(self) -> None:
-        """Publish everything once more, each no faster than its rate: it may not have been heard."""
+        """Publish every state once more, no faster than its rate: some may not have arrived."""
         self._published = {name: (None, at_ms) for name, (_, at_ms) in self._published.items()}
 
     def _due(self, now_ms: int) -> list[State]:
         return [state for name, state in self._current.items() if self._is_due(name, now_ms)]
 
     def _is_due(self, name: str, now_ms: int) -> bool:
-        """Whether a state that is known would be published now."""
+        """Whether a known state would be published now."""
         if name in self.apart:
             return False
         published = self._published.get(name)

@@ -53,7 +53,7 @@ class SelectMessage(CommandHead):
     command: Annotated[Command, COMMAND]
 
     def as_command(self) -> CommandMessage:
-        """The command that the chosen drone gets."""
+        """The command for the chosen drone."""
         head = {field.name: getattr(self, field.name) for field in fields(CommandHead)}
         return CommandMessage(**head, command=self.command)
 

@@ -1,4 +1,4 @@
-"""The fields of states: by names that stand alone, as tools that know nothing of states show them, and their ranges."""
+"""The fields of states: names that are clear without the state, for tools that list fields alone, and ranges."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .states import STATES, MavlinkState, State
 
 
 def fields_of(state: str) -> dict[str, str]:
-    """Of each field of a state the name that says both, where neither says the other: `battery_remaining_pct`."""
+    """The full name of each field of a state: both names, as `battery_remaining_pct`, unless one implies the other."""
     names = [field.name for field in layout_of(STATES[state]).fields]
     return {name: state if name in state else name if name.startswith(state) else f"{state}_{name}" for name in names}
 
@@ -23,7 +23,7 @@ def _ranges(name: str) -> tuple[tuple[str, Integer | Scaled], ...]:
 
 
 def check_range(state: State) -> None:
-    """Raises PayloadError where a number of a state is outside the range that the state has."""
+    """Raises PayloadError if a number of a state is outside its field's range. MavlinkStates are not checked."""
     if isinstance(state, MavlinkState):
         return
     for field, mark in _ranges(state.name):

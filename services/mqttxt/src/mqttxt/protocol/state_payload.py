@@ -1,4 +1,4 @@
-"""A state's payload: its stamps in front, its fields behind; the topic names the state.
+"""A state's payload: first its stamps, then its fields; the topic names the state.
 
 On the fog side `[stamp, fields…]`, on the cloud side `[relay_stamp, stamp, fields…]`.
 """
@@ -20,12 +20,12 @@ from .topics import MAVLINK_STATE
 from .values import Encoding, Plain
 
 _SHORT_ARRAYS = range(0x80, 0x97)
-"""First bytes of CBOR arrays of at most 22 items: one more fits into the same byte (RFC 8949, 3)."""
+"""First bytes of CBOR arrays of at most 22 items: the byte can count one more item (RFC 8949, section 3)."""
 
 
 @dataclass(frozen=True)
 class StampedState:
-    """A state with its origin's stamp and, behind an activator, the activator's own."""
+    """A state with its drone's stamp and, once an activator has relayed it, the activator's own."""
 
     state: State
     stamp: int
@@ -34,10 +34,10 @@ class StampedState:
 
 @dataclass(slots=True)
 class PlainState:
-    """A state that passes an activator: checked, and otherwise left as it came.
+    """A state that an activator relays: checked, but not decoded.
 
-    `item` is as bundles have it, its code (None where it has none) and its fields in CBOR. `origin` is the payload that
-    it came in by itself, where that is CBOR to which a stamp is easily added.
+    `item` is its form in bundles: its code (None if it has none) and its fields in CBOR. `origin` is its payload, if it
+    arrived singly and in CBOR to which a stamp is easily added.
     """
 
     name: str
@@ -47,7 +47,7 @@ class PlainState:
 
     @property
     def state(self) -> State:
-        """What it says."""
+        """The decoded state."""
         values = values_of_plain(message_class(self.name, False), [self.stamp, *self.item[1:]])
         del values["stamp"]
         return _state_of(self.name, values)
@@ -55,7 +55,7 @@ class PlainState:
 
 @cache
 def message_class(name: str, relayed: bool) -> type[Any]:
-    """The message of state `name`, as `codec` and `spec.schema` take it; raises PayloadError for an unknown name."""
+    """The message class of state `name`, for `codec` and `spec.schema`. Raises PayloadError for an unknown name."""
     stamps = [("relay_stamp", Stamp)] if relayed else []
     own = STATES[name].__name__ if name in STATES else "".join(part.title() for part in re.split("[_/]", name))
     title = own + ("Relayed" if relayed else "")
@@ -82,26 +82,26 @@ def encode_state(message: StampedState, encoding: Encoding) -> bytes:
 
 
 def decode_state(name: str, payload: bytes, relayed: bool) -> StampedState:
-    """The state `name` in a payload; raises PayloadError."""
+    """The state `name` in a payload. Raises PayloadError."""
     values = decode_values(message_class(name, relayed), payload)
     relay_stamp, own_stamp = values.pop("relay_stamp", None), values.pop("stamp")
     return StampedState(_state_of(name, values), own_stamp, relay_stamp)
 
 
 def plain_state(name: str, payload: bytes) -> PlainState:
-    """The state `name` in a drone's payload; raises PayloadError."""
+    """The state `name` in a drone's payload. Raises PayloadError."""
     plain = plain_of(message_class(name, False), payload)
     own_stamp, plain[0] = plain[0], CODES.get(name)
     return PlainState(name, own_stamp, plain, payload if payload[0] in _SHORT_ARRAYS else None)
 
 
 def encode_relayed(message: PlainState, relay_stamp: int, encoding: Encoding) -> bytes:
-    """The payload of a drone's state with an activator's stamp in front."""
+    """The payload of a drone's state with an activator's stamp added in front."""
     if encoding is Encoding.JSON:
         return encode_state(StampedState(message.state, message.stamp, relay_stamp), encoding)
     if message.origin is None:
         return encode_plain([relay_stamp, message.stamp, *message.item[1:]])
-    # An array with one more item in front; its head is one byte, and stays one.
+    # One more item at the front of the array, whose head still fits into one byte.
     return bytes((message.origin[0] + 1,)) + encode_plain(relay_stamp) + message.origin[1:]
 
 

@@ -1,6 +1,6 @@
-"""Every topic of MQTT-XT as a table: who says what to whom, at which QoS, and whether the broker keeps it.
+"""Every topic of MQTT-XT as a table: sender, receiver, QoS, payload, and whether the message is retained.
 
-`topics` builds and parses topics; this says what they are for. docs/protocol.md (section 2) is generated from it.
+`topics` builds and parses topics; this module has their use. docs/protocol.md (section 2) is generated from it.
 X is a fog's number, Y a drone's, S a sensor's, Z a state's name, C a command's, G a station's, K a sensor value's kind.
 """
 
@@ -195,5 +195,5 @@ SENSOR_SIDE = (
 
 
 def topics_of(payload: type[Any]) -> list[str]:
-    """The topics that carry messages of a class, cloud side first."""
+    """The topics that carry messages of a class, first those of the cloud side."""
     return [row.topic for row in (*CLOUD_SIDE, *FOG_SIDE, *SENSOR_SIDE) if row.payload is payload]

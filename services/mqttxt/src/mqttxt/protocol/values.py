@@ -1,4 +1,4 @@
-"""Single values on the wire: how a field of each kind gets into CBOR or JSON and out again."""
+"""Single values on the wire: the conversion of each kind of field to and from CBOR and JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .fields import Binary, Constant, Finite, Integer, Items, Name, Named, Real,
 from .names import NAME_EXPECTED
 
 Plain = Any
-"""What cbor2 and json read and write."""
+"""A value that cbor2 and json read and write."""
 
 
 class Encoding(Enum):
@@ -25,16 +25,16 @@ class Encoding(Enum):
 
 
 Converters = tuple[Callable[[Any, Encoding], Plain], Callable[[Plain, Encoding, str], Any]]
-"""Into a form, and out of it: the latter takes the field's path for its errors and raises PayloadError."""
+"""Conversions to a form and back; the latter takes the field's path for its errors and raises PayloadError."""
 
 
 def refuse(path: str, expected: str, got: object) -> NoReturn:
-    """Raise PayloadError naming the field, what was expected and what came."""
+    """Raise PayloadError with the field, the expectation and the received value."""
     raise PayloadError(f"{path or 'payload'}: expected {expected}, got {shown(got)}")
 
 
 def shown(value: object) -> str:
-    """A received value in an error's text. Python refuses to write very long numbers in decimal."""
+    """A received value as an error's text shows it. Python refuses to write very long numbers in decimal."""
     try:
         return repr(value)[:60]
     except ValueError:
@@ -42,17 +42,17 @@ def shown(value: object) -> str:
 
 
 def mark_of(hint: Any) -> Any:
-    """The mark of an annotated type, the type itself where it has none."""
+    """The mark of an annotated type; any other type itself."""
     return get_args(hint)[1] if get_origin(hint) is Annotated else hint
 
 
 def item_of(hint: Any) -> Any:
-    """The items' type of an annotated tuple."""
+    """The type of an annotated tuple's items."""
     return get_args(get_args(hint)[0])[0]
 
 
 def whole_numbers(mark: Any) -> range | frozenset[int] | None:
-    """What a field may be in CBOR, where that is whole numbers alone; None for any other field."""
+    """The allowed integers of a field that CBOR only carries as integers; None for any other field."""
     if isinstance(mark, Integer):
         return range(mark.low, mark.high + 1)
     if isinstance(mark, Scaled):
@@ -63,7 +63,7 @@ def whole_numbers(mark: Any) -> range | frozenset[int] | None:
 
 
 def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converters:
-    """The way of a value of type `hint` into both forms and out of them; `nested` does it for messages."""
+    """The conversions of a value of type `hint` to and from both forms; `nested` gives those of messages."""
     mark = mark_of(hint)
     if isinstance(mark, Integer):
         return _integer(mark.low, mark.high)
@@ -151,7 +151,7 @@ def _real(largest: float) -> Converters:
 
 def _finite() -> Converters:
     def check(value: Plain, _: Encoding, path: str = "field") -> float:
-        # NaN, infinity and integers that no 64 bits hold fail the comparison.
+        # NaN, infinity and integers beyond the largest 64-bit float fail the comparison.
         if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
             refuse(path, "a finite number", value)
         return float(value)

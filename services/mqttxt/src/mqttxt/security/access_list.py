@@ -1,7 +1,7 @@
-"""Who may publish and hear what at a broker: Mosquitto's access list, made from the table of topics.
+"""The right to publish and receive at a broker: Mosquitto's access list, made from the table of topics.
 
-Deny by default. Each member of the fleet has an entry of its own, by the name in its certificate: who has no entry
-hears nothing and is heard by nobody, whatever it subscribes to.
+Deny by default. Each member of the fleet has entries of its own, by the name in its certificate. A client without
+entries receives nothing, whatever it subscribes to, and nothing that it publishes is delivered.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ OWN_BEACON = "fogX/clock"
 
 @dataclass(frozen=True)
 class Entry:
-    """What one node may do with the topics that match a filter; neither: it may not, whatever other entries say."""
+    """A node's rights to the topics of a filter; with neither right it is denied them, whatever other entries say."""
 
     filter: str
     publish: bool
@@ -62,10 +62,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Place:
-    """Which broker it is: the cloud's, with the prefix of its topics, or that of a fog or drone, by its number.
+    """The place of a broker: the cloud, with the prefix of its topics, or a fog or a drone, by its number.
 
-    `fogs` have the cloud's broker as theirs too. `air`: the fog's drones come through its activator, which then may
-    what they may; what they say is signed by themselves.
+    `fogs` use the cloud's broker as theirs too. `air`: the fog's drones connect through its activator, which then has
+    their rights; their messages are signed by the drones themselves.
     """
 
     kind: str
@@ -76,7 +76,7 @@ class Place:
 
     @classmethod
     def of_broker(cls, name: NodeName, prefix: str = "", fogs: frozenset[int] = frozenset()) -> Place:
-        """By the broker's own name: `broker-cloud`, `broker-fog1`, `broker-drone3`; raises ConfigurationError."""
+        """Parse a broker's name: `broker-cloud`, `broker-fog1`, `broker-drone3`; raises ConfigurationError."""
         if name.label == CLOUD:
             return cls(CLOUD, prefix=prefix, fogs=fogs)
         node = NodeName.parse(name.label)
@@ -89,12 +89,12 @@ class Place:
         return {CLOUD: CLOUD_SIDE, Kind.FOG: FOG_SIDE, Kind.DRONE: SENSOR_SIDE}[self.kind]
 
     def has(self, node: NodeName) -> bool:
-        """Whether a node connects to this broker: a fog's and a drone's own broker have one of these alone."""
+        """Whether a node connects to this broker: at a fog's or a drone's own, of this kind only that node does."""
         return self.kind == CLOUD or node.kind != self.kind or node.number == self.number
 
 
 def entries(place: Place, node: NodeName, rights: Rights, fogs: Iterable[NodeName]) -> list[Entry]:
-    """What a node may publish and hear at a broker of a fleet with these fogs."""
+    """The entries of a node at a broker, in a fleet with these fogs."""
     if node.kind not in _KINDS or not place.has(node) or (node.kind is Kind.STATION and rights == Rights()):
         return []
     carried = (UAV,) if place.air and node.kind is Kind.FOG else ()
@@ -103,7 +103,7 @@ def entries(place: Place, node: NodeName, rights: Rights, fogs: Iterable[NodeNam
         root = CloudSide(fog, place.prefix).local_root()
         if node.kind is Kind.DRONE or node == NodeName(Kind.FOG, fog):
             found += _of_rows(FOG_SIDE, root, node, rights, fogs)
-        elif node.kind is Kind.STATION:  # the filter of readings would let it hear some of it
+        elif node.kind is Kind.STATION:  # its filter for readings would match some of these topics
             found.append(Entry(f"{root}#", publish=False, hear=False))
     return found
 
@@ -116,7 +116,7 @@ def _of_rows(
     fogs: Iterable[NodeName],
     carried: tuple[str, ...] = (),
 ) -> list[Entry]:
-    """What a node may do with the topics of some rows of the table, below a root; it may what it `carried` may."""
+    """The entries of a node for rows of the table below a root, including the rights of those that it `carried`."""
     names = (*_KINDS[node.kind], *carried)
     found: dict[str, Entry] = {}
     for row in rows:
@@ -127,12 +127,12 @@ def _of_rows(
 
 
 def _is_watched(row: TopicRow) -> bool:
-    """Whether its sender hears it too: what it retains (R9.1), and an activator its beacon (R9.6)."""
+    """Whether the sender receives it too: retained topics (R9.1), and an activator's beacon (R9.6)."""
     return row.retained or (row.sender == ACTIVATOR and row.topic == OWN_BEACON)
 
 
 def access_list(place: Place, members: Iterable[Certificate]) -> str:
-    """The file, for the certificates of those who may use the broker."""
+    """The access list's text, for the certificates of the broker's members."""
     lines = ["# Made by `mqttxt broker`: make it again instead of changing it.", ""]
     for node, given in entries_of_all(place, members):
         lines += [f"user {node}", *(str(entry) for entry in given), ""]
@@ -140,7 +140,7 @@ def access_list(place: Place, members: Iterable[Certificate]) -> str:
 
 
 def entries_of_all(place: Place, members: Iterable[Certificate]) -> Iterator[tuple[NodeName, list[Entry]]]:
-    """Each member that may do anything at the broker, by name.
+    """Each member that has any entry at the broker, by name.
 
     While two certificates of a name are valid, the rights of the newer one count.
     """
@@ -152,7 +152,7 @@ def entries_of_all(place: Place, members: Iterable[Certificate]) -> Iterator[tup
 
 
 def _filters(row: TopicRow, node: NodeName, rights: Rights, fogs: Iterable[NodeName]) -> Iterator[str]:
-    """The filters that cover a row of the table for a node: a level that names a node is the node itself, or any."""
+    """The filters for a row of the table and a node: a level that names a node is the node itself, or any."""
     if node.kind is Kind.STATION and row.payload in _COMMANDING:
         if rights.command == frozenset():
             return

@@ -1,4 +1,4 @@
-"""Signed commands on their way to an activator: each for one drone, and outside of the signatures when they are due."""
+"""Signed commands on their way to an activator: one envelope per drone, with the activator's deadline outside."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _MOST_U32, _MOST_MS = 2**32 - 1, 2**53 - 1
 class Addressed:
     """`[1, executor_session, deadline_ms, [[drone, COSE_Sign1], …]]`: session and deadline are the activator's.
 
-    `reservation` follows where the command commits to the drone of an offer. Nothing but the envelopes is signed: a
-    relay can make a command come earlier or never, not later or elsewhere.
+    `reservation` follows if the command commits to the drone of an offer. Only the envelopes are signed: a relay can
+    deliver a command earlier or never, but not later or elsewhere.
     """
 
     executor_session: int
@@ -37,7 +37,7 @@ class Addressed:
 
     @classmethod
     def parse(cls, data: bytes) -> Self:
-        """Raises PayloadError for anything else; no signature is looked at."""
+        """Parse the bytes; raises PayloadError if they are anything else. No signature is verified."""
         plain = parse_cbor(data)
         if not isinstance(plain, list) or len(plain) not in (4, 5) or not isinstance(plain[3], list):
             raise PayloadError("command: expected [1, session, deadline, entries] around what is signed", "not_signed")

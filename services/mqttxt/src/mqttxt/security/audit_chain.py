@@ -1,4 +1,4 @@
-"""The lines of an audit log: chained by hashes, and signed now and then (docs/protocol.md, section 14)."""
+"""The lines of an audit log: chained by hashes, and signed from time to time (docs/protocol.md, section 14)."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .fleet import Fleet
 from .seal import Seal
 
 TOPIC = "audit"
-"""What a signature names in the place of a topic; no message travels on it."""
+"""Stands for the topic in a signature; no message is published on it."""
 BEGINNING = "0" * 64
 """Stands for the hash of the line before the first."""
 _LATEST_S = 253_402_300_799
-"""The end of the year 9999: a clock may be anywhere."""
+"""The end of the year 9999, the limit of written times: a clock may show any time."""
 _LINE = re.compile(rb'(\{"n":([1-9][0-9]{0,17}),.*),"hash":"([0-9a-f]{64})"\}')
 
 
@@ -37,18 +37,18 @@ class Link:
     hash: str = BEGINNING
 
     def next(self, time_s: float, event: str, fields: Mapping[str, Any]) -> tuple[Link, bytes]:
-        """The line that follows, written at a Unix time, and its link."""
+        """The next line, at a Unix time, and its link."""
         members = {"n": self.n + 1, "time": _time(time_s), "event": event, **fields}
         body = json.dumps(members, separators=(",", ":"), allow_nan=False).encode()
         link = Link(self.n + 1, _hash(self.hash, body))
         return link, b'%s,"hash":"%s"}\n' % (body[:-1], link.hash.encode())
 
     def signature(self, seal: Seal) -> str:
-        """What a `head` says of this link: a COSE_Sign1 with its certificate, in base64."""
+        """The signature of this link for a `head`: a COSE_Sign1 with its certificate, in base64."""
         return base64.b64encode(seal.sign(TOPIC, self._payload(), with_certificate=True).encode()).decode()
 
     def signer(self, signature: object, fleet: Fleet) -> Certificate:
-        """Whose certificate of the fleet, good now or not, has signed this link; raises ValueError where none has."""
+        """The fleet's certificate, valid now or not, that signed this link; raises ValueError if there is none."""
         try:
             envelope = Envelope.parse(base64.b64decode(str(signature), validate=True))
             certificate = Certificate.from_der(envelope.certificate or b"")
@@ -73,7 +73,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Line:
-    """A line as it stands in a file: its own number and hash, its fields, and the bytes that are hashed."""
+    """A line of a file: its own number and hash, its fields, and the bytes that are hashed."""
 
     link: Link
     fields: dict[str, Any]
@@ -81,7 +81,7 @@ class Line:
 
     @classmethod
     def parse(cls, line: bytes) -> Self:
-        """Raises ValueError for bytes that no audit log has; the hash is not looked at."""
+        """Parse a line; raises ValueError if it is not an audit log's. The hash is not verified."""
         found = _LINE.fullmatch(line)
         if found is None:
             raise ValueError("it cannot be read")
@@ -95,7 +95,7 @@ class Line:
         return cls(Link(int(found[2]), found[3].decode()), fields, body)
 
     def follows(self, before: Link) -> bool:
-        """Whether this is the line behind that one, as it was written."""
+        """Whether this line follows that one, unchanged."""
         return self.link == Link(before.n + 1, _hash(before.hash, self.body))
 
 

@@ -1,4 +1,4 @@
-"""Whether an audit log is whole: its files one after the other, each line behind the one before it."""
+"""Whether an audit log is whole: its files in order, each line chained to the one before it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ LONGEST_LINE = 1_000_000
 
 
 def logs_of(files: Iterable[Path]) -> dict[Path, list[Path]]:
-    """The logs that files are of, each with its files in their order: FILE.NUMBER… are the older ones of FILE.
+    """Group files by their log, each in order: FILE.NUMBER… are the older files of FILE.
 
-    FILE itself is missing for a moment, between two of them. Raises ConfigurationError for an unreadable folder.
+    FILE itself is missing for a moment while a new one is begun. Raises ConfigurationError for an unreadable folder.
     """
     found: dict[Path, set[Path]] = {}
     for file in files:
@@ -30,7 +30,7 @@ def logs_of(files: Iterable[Path]) -> dict[Path, list[Path]]:
 
 
 def older_files(file: Path) -> list[Path]:
-    """FILE.NUMBER beside FILE, in their order; the number is that of the first line."""
+    """The files FILE.NUMBER beside FILE, in order; the number is that of the first line."""
     if not file.parent.is_dir():
         return []
     return sorted((each for each in file.parent.iterdir() if each.stem == file.name and _number(each)), key=_number)
@@ -43,9 +43,10 @@ def _number(file: Path) -> int:
 
 @dataclass
 class AuditVerdict:
-    """What a log is, line by line, by what `fleet` knows of signatures; without one they are not looked at.
+    """Checks a log line by line, with the signatures of `fleet`; without a fleet they are not checked.
 
-    `unproven` lines were not yet signed when another session went on: who can write the file may have made them up.
+    `unproven` lines were not yet signed when the next session began: anyone who can write the file may have forged
+    them.
     """
 
     fleet: Fleet | None
@@ -63,7 +64,7 @@ class AuditVerdict:
     _last_file: Path | None = None
 
     def read(self, files: Iterable[Path]) -> None:
-        """Raises AuditBroken at the first line that is not as it was written, ConfigurationError for other files."""
+        """Check files; raises AuditBroken at the first line that was changed, ConfigurationError for other files."""
         for file in files:
             for number, line in enumerate(_lines(file), start=1):
                 self._take(file, number, line)
@@ -97,7 +98,7 @@ class AuditVerdict:
         self._note(where, line)
 
     def _begin(self, where: str, line: Line) -> None:
-        """A file's first line names the hash that it follows: a log whose oldest files are gone is still one chain."""
+        """Check a file's first line, which names the hash before it: a log without its oldest files is a chain too."""
         before = Link(line.link.n - 1, str(line.fields.get("before")))
         if line.fields["event"] != "file":
             raise self._broken(f"{where}: not a file's first line: lines before it are missing")
@@ -141,7 +142,7 @@ class AuditVerdict:
         return AuditBroken(f"{what}; before it {self.summary()}" if self.lines else what)
 
     def summary(self) -> str:
-        """How many lines of whom, of what time, and up to when signed by whom."""
+        """The number of lines, their node and time span, and who has signed them up to when."""
         parts = [f"{self.lines} lines of {self.node} are whole, {self.first_time} to {self.last_time}"]
         if self.first_n > 1:
             parts.append(f"what was before line number {self.first_n} is gone")

@@ -1,10 +1,10 @@
-"""A fleet's authority: a folder with the key that says who belongs to the fleet, kept where no node is.
+"""A fleet's authority: a folder with the key that decides who belongs to the fleet, kept apart from all nodes.
 
-FLEET/authority.pem   the key (mode 0600)
+FLEET/authority.pem   the authority's key (mode 0600)
 FLEET/fleet.pem       its certificate, which every node has
 FLEET/revoked.pem     the revocation list, which every node has
 FLEET/issued/         every certificate that was ever issued
-FLEET/NAME/           the identity of a node, to be brought to it
+FLEET/NAME/           the identity of a node, to be copied to it
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ STATION_DAYS = 90.0
 
 
 class Authority:
-    """Issues and revokes certificates. Each method raises ConfigurationError for what cannot be."""
+    """Issues and revokes certificates. Each method raises ConfigurationError for invalid requests and file errors."""
 
     def __init__(self, folder: Path, key: Ed25519PrivateKey, fleet: Fleet) -> None:
         self.folder = folder
@@ -45,7 +45,7 @@ class Authority:
 
     @classmethod
     def create(cls, folder: Path, fleet: str) -> Authority:
-        """A new fleet, in a folder that does not exist yet."""
+        """Create a fleet in a folder that does not exist yet."""
         if not re.fullmatch(NAME, fleet):
             raise ConfigurationError(f"fleet name {fleet[:80]!r}: expected {NAME_EXPECTED}")
         try:
@@ -62,7 +62,7 @@ class Authority:
 
     @classmethod
     def load(cls, folder: Path) -> Authority:
-        """The fleet of a folder that `create` made."""
+        """Load the fleet of a folder that `create` made."""
         if not (folder / AUTHORITY_FILE).exists():
             raise ConfigurationError(f"{folder}: no {AUTHORITY_FILE}; expected a folder of `mqttxt keys init`")
         key = read_key(folder / AUTHORITY_FILE)
@@ -79,9 +79,9 @@ class Authority:
         hosts: Iterable[str] = (),
         not_before: datetime | None = None,
     ) -> Path:
-        """A node's identity, in a folder of its name below the authority's.
+        """Issue a node's identity, in a folder of its name below the authority's; returns that folder.
 
-        `hosts` are the names and addresses at which others reach a broker; loopback is always among them. A revoked
+        `hosts` are the names and addresses at which a broker is reached; loopback is always included. A revoked
         identity of the node is kept as `NAME~`.
         """
         node = NodeName.parse(name)
@@ -96,11 +96,11 @@ class Authority:
         return folder
 
     def renew(self, name: str, days: float | None = None, hosts: Iterable[str] = ()) -> Path:
-        """A new key and certificate with the same rights; the old certificate stays valid until it ends.
+        """Issue a new key and certificate with the same rights; the old certificate stays valid until it ends.
 
-        `hosts` are instead of those that a broker's certificate has; without any those stay.
+        `hosts` replace those in a broker's certificate; if empty, those stay.
 
-        The old identity is kept as `NAME~` until the next renewal. What was revoked is not given again this way.
+        The old identity is kept as `NAME~` until the next renewal. A revoked identity cannot be renewed.
         """
         node = NodeName.parse(name)
         folder = self.folder / str(node)
@@ -114,7 +114,7 @@ class Authority:
         return folder
 
     def revoke(self, name: str, only_old: bool = False) -> int:
-        """Revoke every certificate of a node, or all but its newest; returns how many were not revoked before."""
+        """Revoke every certificate of a node, or all but its newest; returns how many are newly revoked."""
         node = NodeName.parse(name)
         found = sorted((each for each in self.issued() if each.name == str(node)), key=lambda each: each.not_before_s)
         if not found:
@@ -155,8 +155,8 @@ class Authority:
         return certificate.serial in self.fleet.revoked.serials
 
     def _put_in_place(self, fresh: Path, folder: Path) -> None:
-        """A new identity under its node's name; the one before is kept beside it."""
-        before = folder.with_name(f"{folder.name}~")  # which is no node's name
+        """Move a new identity to its node's name; the one before is kept beside it."""
+        before = folder.with_name(f"{folder.name}~")  # not a valid node name
         with files.changing(folder):
             if folder.exists():
                 shutil.rmtree(before, ignore_errors=True)
@@ -172,7 +172,7 @@ class Authority:
         hosts: tuple[str, ...],
         not_before: datetime | None,
     ) -> Path:
-        """A whole identity in a folder that has yet to be given its name."""
+        """Make a whole identity in a temporary folder, which the caller renames."""
         if rights != Rights() and node.kind is not Kind.STATION:
             raise ConfigurationError(f"rights for {node}: expected a station")
         if hosts and node.kind is not Kind.BROKER:
@@ -197,7 +197,7 @@ class Authority:
         return folder
 
     def _bring_up_to_date(self) -> None:
-        """Every identity below the authority's folder has the newest list; brokers also have the fleet's members."""
+        """Write the newest list into every identity below the authority's folder, and the members into brokers'."""
         revoked = files.read(self.folder / REVOKED_FILE)
         members = b"".join(each.parsed.public_bytes(Encoding.PEM) for each in self.members())
         for certificate in sorted(self.folder.glob(f"[!.]*/{CERTIFICATE_FILE}")):

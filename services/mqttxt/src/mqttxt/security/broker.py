@@ -1,4 +1,4 @@
-"""A broker of the fleet as files: a Mosquitto configuration with mutual TLS 1.3, and its access list."""
+"""A broker's files: a Mosquitto configuration with mutual TLS 1.3, and the access list."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .revocation import RevocationList
 
 CONFIGURATION_FILE, ACCESS_FILE = "mosquitto.conf", "access.acl"
 MOST_CONNECTIONS = 2000
-"""At a listener: those of a thousand nodes, twice, while they come back over another network."""
+"""Connections at a listener: two for each of a thousand nodes, while they reconnect over another network."""
 LIMITS = """\
 # Without persistence on purpose: a retained record of a drone that died with the broker would stay for good.
 persistence false
@@ -40,12 +40,12 @@ log_type notice
 log_type information
 connection_messages true
 """
-"""What every broker of ours has, with identities or without."""
+"""The settings of each of our brokers, with identities or without."""
 ALIASES = """\
 # A topic for each state of 250 drones and more: one connection, the activator's, may publish them all.
 max_topic_alias 4096
 """
-"""What its listener has: before a listener's line Mosquitto takes this for another one."""
+"""The settings of the listener: before a `listener` line Mosquitto applies them to another one."""
 _CONFIGURATION = """\
 # Made by `mqttxt broker`: make it again instead of changing it.
 {limits}\
@@ -68,10 +68,10 @@ acl_file {access}
 
 
 class BrokerFiles:
-    """What a broker's identity makes of itself in a folder; raises ConfigurationError where it is not a broker's.
+    """Makes a broker's files from its identity; raises ConfigurationError if the identity is not a broker's.
 
-    Nothing is copied: the configuration names the identity's own files, so that a renewed list counts at SIGHUP.
-    `fogs` share the cloud's broker. `air`: it is a fog's, through which drones come to it.
+    Nothing is copied: the configuration names the identity's own files, so that a renewed list takes effect at SIGHUP.
+    `fogs` share the cloud's broker. `air`: it is a fog's broker, whose drones connect through the activator.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class BrokerFiles:
         self._served = {each.serial: each.name for each in self.members()}
 
     def members(self) -> list[Certificate]:
-        """Those who may use the broker: whose certificates are of this fleet, valid now or later, and not revoked."""
+        """The members that may use the broker: by certificates of this fleet, not revoked, and valid now or later."""
         path = self.identity.folder / MEMBERS_FILE
         fleet, now_s = self.identity.fleet, self.identity.time.now_s()
         found = Certificate.all_from_pem(files.read(path), str(path))
@@ -106,7 +106,7 @@ class BrokerFiles:
     def write(self, out: Path, host: str, port: int, newest: RevocationList | None = None) -> Path:
         """Write configuration and access list into a folder; returns the configuration's path.
 
-        `newest` is as `write_access` has it.
+        `newest` as for `write_access`.
         """
         with files.changing(out):
             out.mkdir(parents=True, exist_ok=True)
@@ -129,9 +129,9 @@ class BrokerFiles:
         return out / CONFIGURATION_FILE
 
     def write_access(self, out: Path, newest: RevocationList | None = None) -> None:
-        """Write the access list anew, for the members as they are now; raises ConfigurationError for a bad file.
+        """Write the access list again, for the present members; raises ConfigurationError for a bad file.
 
-        `newest` is the revocation list that the broker's node has by now; the broker's folder gets it too.
+        `newest` is the newest revocation list of the broker's node; the broker's folder gets it too.
         """
         fleet = self.identity.fleet
         if newest is not None:
@@ -142,9 +142,9 @@ class BrokerFiles:
             fleet.take(fleet.in_folder())
 
     def take_outlived(self) -> set[str]:
-        """Names in use of which a certificate was revoked since the broker's start, or since this said so.
+        """Names in use that had a certificate revoked since the broker's start, or since the last call.
 
-        Their entry stays, and with it the connection that the revoked one has.
+        Their entries stay, and so does the connection with the revoked certificate.
         """
         revoked = self._served.keys() & self.identity.fleet.revoked.serials
         in_use = {name for serial, name in self._served.items() if serial not in revoked}
@@ -153,7 +153,7 @@ class BrokerFiles:
 
     @property
     def is_list_readable(self) -> bool:
-        """Whether Mosquitto can read the revocation list: without one it would accept everybody."""
+        """Whether Mosquitto can read the revocation list: without one it would accept everyone."""
         try:
             self.identity.fleet.in_folder()
         except ConfigurationError:
@@ -163,15 +163,15 @@ class BrokerFiles:
     def _write_members(self, out: Path) -> None:
         members = self.members()
         found = access_list(self.place, members).encode()
-        # Readable for those who may read the key, and nobody else: Mosquitto is to refuse other lists one day.
+        # Readable only for users who may read the key: Mosquitto will refuse other lists one day.
         files.write(out / ACCESS_FILE, found, 0o600, like=self.identity.folder / KEY_FILE)
         self._served |= {each.serial: each.name for each in members}
 
 
 def _user_of(key: Path) -> str:
-    """Mosquitto that was started by root gives up its rights before it reads the key: to who owns that.
+    """The `user` line: Mosquitto started by root becomes the key's owner before it reads the key.
 
-    Windows' Mosquitto stays who it is.
+    On Windows it keeps its user.
     """
     with contextlib.suppress(KeyError, NotImplementedError):
         return f"user {key.owner()}\n"

@@ -26,21 +26,21 @@ UNREADABLE = (
     x509.DuplicateExtension,
     x509.UnsupportedGeneralNameType,
 )
-"""What cryptography raises on bytes that are not what they should be."""
+"""The exceptions that `cryptography` raises on invalid bytes."""
 
 _Extension = TypeVar("_Extension", bound=x509.ExtensionType)
 
 
 def usage_of(kind: Kind) -> x509.ObjectIdentifier:
-    """What a key of this kind of node is for in TLS: a broker serves, all others are clients."""
+    """The TLS usage of a node's key: a broker is a server, all others are clients."""
     return ExtendedKeyUsageOID.SERVER_AUTH if kind is Kind.BROKER else ExtendedKeyUsageOID.CLIENT_AUTH
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate as it reads; whether its fleet signed it, and whether it is valid now, `Fleet.verify` says.
+    """A parsed certificate; `Fleet.verify` tells whether the fleet signed it and whether it is valid.
 
-    `name` is the node's (`drone3`, `gs-ops`); times are Unix seconds, both inclusive; `hash` is SHA-256 of `der`.
+    `name` is the node's (`drone3`, `gs-ops`); times are Unix seconds, both inclusive; `hash` is the SHA-256 of `der`.
     """
 
     der: bytes = field(repr=False)
@@ -57,7 +57,7 @@ class Certificate:
 
     @classmethod
     def from_der(cls, der: bytes, what: str = "certificate") -> Certificate:
-        """Raises ConfigurationError, with `what` in front, for anything but a certificate of a node."""
+        """Parse DER; raises ConfigurationError, prefixed with `what`, for anything but a node's certificate."""
         try:
             found = x509.load_der_x509_certificate(der)
             key = found.public_key()
@@ -84,7 +84,7 @@ class Certificate:
 
     @classmethod
     def all_from_pem(cls, pem: bytes, what: str) -> list[Certificate]:
-        """Every certificate of a PEM file, none where it is empty; raises ConfigurationError."""
+        """Every certificate of a PEM file, none if it is empty; raises ConfigurationError."""
         try:
             found = x509.load_pem_x509_certificates(pem) if pem.strip() else []
         except UNREADABLE as error:

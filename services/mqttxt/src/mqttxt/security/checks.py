@@ -1,4 +1,4 @@
-"""Everything that is wrong with an identity's folder, for `mqttxt keys check`."""
+"""Finds every mistake in an identity's folder, for `mqttxt keys check`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def problems(folder: Path, system: Callable[[], float] = time.time) -> list[str]:
-    """A line for each thing that is wrong; none where a node would start with the folder."""
+    """A line for each mistake; none if a node would start with the folder."""
     found: list[str] = []
 
     def tried(step: Callable[[], T]) -> T | None:

@@ -1,4 +1,4 @@
-"""COSE_Sign1 (RFC 9052) with EdDSA, untagged, as signed messages travel (docs/protocol.md, section 12)."""
+"""COSE_Sign1 (RFC 9052) with EdDSA, untagged: the form of signed messages (docs/protocol.md, section 12)."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from ..errors import PayloadError
 from ..protocol.cbor import MAX_PAYLOAD, parse_cbor
 
 PROTECTED = cbor2.dumps({1: -8})
-"""The protected header: EdDSA, as the only algorithm there is nothing to choose."""
+"""The protected header: EdDSA. It is the only algorithm, so that there is nothing to choose."""
 SIGNED = b"\x84" + cbor2.dumps(PROTECTED)
-"""How every signed message begins, and no other."""
+"""The first bytes of every signed message, and of no other."""
 KID, X5CHAIN, ROUTE = 4, 33, -65537
-"""Labels of the unprotected header; that of the route is for private use."""
+"""Labels of the unprotected header; the route's is for private use."""
 KID_BYTES, SIGNATURE_BYTES = 4, 64
 MOST_CERTIFICATE_BYTES = 2048
-"""One of a station with every right, by single drones, has half of it. It is read before anything is verified."""
+"""A station's certificate with every right, by single drones, has half of this. It is parsed before it is verified."""
 CONTEXT = "mqttxt1"
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """A COSE_Sign1 message. `payload` is what was signed; the rest of it nobody has verified yet.
+    """A COSE_Sign1 message, whose signature is not verified yet. `payload` is the signed content.
 
     `kid` hints at the signer's certificate; a birth carries the `certificate` itself (DER). `route` is what a relay
-    says beside what it passes on, and is not signed.
+    adds to the message that it passes on, and is not signed.
     """
 
     payload: bytes
@@ -41,27 +41,27 @@ class Envelope:
         return cbor2.dumps(self.plain(), canonical=True)
 
     def plain(self) -> list[Any]:
-        """As CBOR carries it."""
+        """The message as CBOR values."""
         header: dict[int, Any] = {KID: self.kid, X5CHAIN: self.certificate, ROUTE: self.route}
         present = {label: value for label, value in header.items() if value is not None}
         return [PROTECTED, present, self.payload, self.signature]
 
     def routed(self, route: Any) -> Envelope:
-        """The same, with what a relay says beside it."""
+        """The same message with a relay's addition."""
         return replace(self, route=route)
 
     def bare(self) -> Envelope:
-        """The same without a certificate, for who has it."""
+        """The same message without its certificate, for receivers that have it."""
         return replace(self, certificate=None)
 
     @classmethod
     def parse(cls, data: bytes) -> Envelope:
-        """Raises PayloadError for anything but a COSE_Sign1 as section 12 has it; the signature is not looked at."""
+        """Parse a message; raises PayloadError unless it is as section 12 has it. The signature is not verified."""
         return cls.of_plain(parse_cbor(data))
 
     @classmethod
     def of_plain(cls, plain: Any) -> Envelope:
-        """`parse`, of CBOR that was read already."""
+        """`parse` for CBOR that is decoded already."""
         if not isinstance(plain, list) or len(plain) != 4 or plain[0] != PROTECTED or not isinstance(plain[1], dict):
             raise PayloadError("envelope: expected COSE_Sign1 with the protected header {1: -8}", "not_signed")
         _, header, payload, signature = plain
@@ -81,7 +81,7 @@ class Envelope:
 
 
 def external_aad(fleet: bytes, signer: str, topic: str) -> bytes:
-    """What a signature covers beside the payload: SHA-256 of the authority's key, the signer's name, the topic."""
+    """What a signature covers besides the payload: SHA-256 of the authority's key, the signer's name, the topic."""
     return cbor2.dumps([CONTEXT, fleet, signer, topic], canonical=True)
 
 

@@ -1,4 +1,4 @@
-"""Files of an identity: read with an error that names them, written so that nobody sees half of one."""
+"""Files of an identity: read with errors that name them, written so that no reader sees half of one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HAS_MODES = hasattr(os, "geteuid")
 
 
 def read(path: Path, *, private: bool = False) -> bytes:
-    """A file's bytes; raises ConfigurationError, for a private one also where its group or others may use it."""
+    """A file's bytes. Raises ConfigurationError; for a private file also if its group or others have access."""
     try:
         with path.open("rb") as file:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
@@ -35,7 +35,7 @@ def read(path: Path, *, private: bool = False) -> bytes:
 
 @contextlib.contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """An error of the system on the way becomes a ConfigurationError that names `path`."""
+    """Turn an OSError in the block into a ConfigurationError that names `path`."""
     try:
         yield
     except OSError as error:
@@ -45,7 +45,7 @@ def changing(path: Path) -> Iterator[None]:
 def write(path: Path, content: bytes, mode: int = 0o644, like: Path | None = None) -> None:
     """Replace a file durably and in one step; raises ConfigurationError.
 
-    Where root writes it, it is given to the owner of `like`.
+    If root writes it, it gets the owner of `like`.
     """
     with changing(path):
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")

@@ -1,4 +1,4 @@
-"""A fleet as each of its nodes knows it: the authority's certificate, and the newest revocation list."""
+"""A fleet as its nodes have it: the authority's certificate, and the newest revocation list."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .revocation import RevocationList
 FLEET_FILE = "fleet.pem"
 REVOKED_FILE = "revoked.pem"
 NEWEST_FILE = "newest.pem"
-"""The newest revocation list that a node has known, whatever REVOKED_FILE has by now."""
+"""The newest revocation list that a node has had, whatever REVOKED_FILE has now."""
 _MOST_KNOWN = 4096
 
 
 class Fleet:
-    """Says of a certificate whether it is good. `name` is the fleet's, `key_hash` SHA-256 of the authority's key.
+    """Verifies certificates. `name` is the fleet's, `key_hash` the SHA-256 of the authority's key.
 
-    `load` reads the files of a folder and raises ConfigurationError for what is wrong with them.
+    `load` reads the files of a folder; raises ConfigurationError if one is wrong.
     """
 
     def __init__(self, authority: x509.Certificate, revoked: RevocationList, folder: Path | None = None) -> None:
@@ -59,7 +59,7 @@ class Fleet:
         return int(self.authority.not_valid_after_utc.timestamp())
 
     def verify(self, certificate: Certificate, at_s: float) -> str | None:
-        """Why a certificate is not good at a Unix time; None where it is.
+        """Why a certificate is invalid at a Unix time; None if it is valid.
 
         `other_fleet`, `not_yet_valid`, `expired` or `revoked`.
         """
@@ -74,13 +74,13 @@ class Fleet:
         return None
 
     def read(self, encoded: bytes, what: str = "revocation list") -> RevocationList:
-        """A revocation list of this fleet, older or newer; raises ConfigurationError for any other."""
+        """Parse a revocation list of this fleet, older or newer; raises ConfigurationError for any other."""
         return RevocationList.of(encoded, self._key, what)
 
     def take(self, found: RevocationList) -> bool:
-        """Take a list of this fleet that is newer, which counts from now on; False where it is not.
+        """Use a list of this fleet from now on if it is newer; returns whether it is.
 
-        `keep` writes it down.
+        `keep` writes it to the folder.
         """
         if found.number <= self.revoked.number:
             return False
@@ -88,13 +88,13 @@ class Fleet:
         return True
 
     def in_folder(self) -> RevocationList:
-        """The list that the folder has by now; blocks. Raises ConfigurationError."""
+        """The folder's present list; blocks. Raises ConfigurationError."""
         if self._folder is None:
             return self.revoked
         return self.read(files.read(self._folder / REVOKED_FILE), str(self._folder / REVOKED_FILE))
 
     def keep(self) -> None:
-        """Write the list down, and put an older one in the folder right; blocks. Raises ConfigurationError."""
+        """Write the list to the folder, and replace an older one there; blocks. Raises ConfigurationError."""
         if self._folder is None:
             return
         with self._keeping:
@@ -104,7 +104,7 @@ class Fleet:
                     files.write(path, pem)
 
     def _is_signed(self, certificate: Certificate) -> bool:
-        """A signature is verified once: certificates stand in many messages."""
+        """Whether the authority signed a certificate. Verified once, because many messages use the same one."""
         if certificate.hash in self._signed:
             return True
         if certificate.fleet != self.name:

@@ -1,4 +1,4 @@
-"""A node's identity: a folder with its key, its certificate, its fleet and what the fleet has revoked."""
+"""A node's identity: a folder with its key, its certificate, its fleet and the fleet's revocation list."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .trusted_time import TrustedTime
 KEY_FILE = "identity.pem"
 CERTIFICATE_FILE = "certificate.pem"
 MEMBERS_FILE = "members.pem"
-"""In a broker's identity: the fleet's valid certificates, of which its access list is made."""
+"""In a broker's identity: the fleet's valid certificates, from which its access list is made."""
 _WRONG = {
     "other_fleet": "not issued by the authority in fleet.pem; expected a certificate of this fleet",
     "not_yet_valid": "not valid before {not_before}; expected a certificate that is valid now, or another clock",
@@ -29,7 +29,7 @@ _WRONG = {
 
 
 class Identity:
-    """Who this process is: it signs as `name`, with the key of `certificate`, in `fleet`, at `time`."""
+    """The identity of this process: it signs as `name`, with the key of `certificate`, in `fleet`, at `time`."""
 
     def __init__(
         self, folder: Path, key: Ed25519PrivateKey, certificate: Certificate, fleet: Fleet, time: TrustedTime
@@ -46,7 +46,7 @@ class Identity:
 
     @classmethod
     def load(cls, folder: Path, system: Callable[[], float] = time.time) -> Identity:
-        """Raises ConfigurationError, in one line, for the first thing that is wrong with the folder."""
+        """Load a folder; raises ConfigurationError, in one line, for the first thing that is wrong with it."""
         if not folder.is_dir():
             raise ConfigurationError(f"identity {folder}: no such folder; expected one of `mqttxt keys issue`")
         key = read_key(folder / KEY_FILE)
@@ -58,9 +58,9 @@ class Identity:
         return cls(folder, key, certificate, fleet, now)
 
     def in_folder(self) -> tuple[Ed25519PrivateKey, Certificate]:
-        """Key and certificate that the folder has by now; blocks.
+        """The folder's present key and certificate; blocks.
 
-        Raises ConfigurationError where a node would not start with them, or they are another node's.
+        Raises ConfigurationError if a node would not start with them, or they are another node's.
         """
         key = read_key(self.folder / KEY_FILE)
         certificate = read_certificate(self.folder / CERTIFICATE_FILE)
@@ -73,24 +73,24 @@ class Identity:
         return key, certificate
 
     def renew(self, key: Ed25519PrivateKey, certificate: Certificate) -> bool:
-        """Sign with another key from now on; whether it is another one."""
+        """Sign with this key from now on; returns whether the certificate is a new one."""
         is_new = certificate != self.certificate
         self._key, self.certificate = key, certificate
         return is_new
 
     @property
     def wrong(self) -> str | None:
-        """Why this node's own certificate is not good now, in words; None while it is."""
+        """Why this node's own certificate is invalid now, in words; None while it is valid."""
         verdict = self.time.verify(self.certificate)
         return None if verdict is None else verdict.replace("_", " ")
 
     def sign(self, data: bytes) -> bytes:
-        """Ed25519, 64 bytes."""
+        """The Ed25519 signature of `data`, 64 bytes."""
         return self._key.sign(data)
 
 
 def read_key(path: Path) -> Ed25519PrivateKey:
-    """A private key that only its owner can read; raises ConfigurationError."""
+    """Read a private key that only its owner can read; raises ConfigurationError."""
     try:
         key = load_pem_private_key(files.read(path, private=True), password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
@@ -101,18 +101,18 @@ def read_key(path: Path) -> Ed25519PrivateKey:
 
 
 def read_certificate(path: Path) -> Certificate:
-    """Raises ConfigurationError."""
+    """Read a certificate; raises ConfigurationError."""
     return Certificate.from_pem(files.read(path), str(path))
 
 
 def check_pair(folder: Path, key: Ed25519PrivateKey, certificate: Certificate) -> None:
-    """Raises ConfigurationError where the certificate is another key's."""
+    """Raises ConfigurationError if the certificate is another key's."""
     if key.public_key() != certificate.public_key:
         raise ConfigurationError(f"{folder / KEY_FILE}: not the key of {CERTIFICATE_FILE} ({certificate.name})")
 
 
 def check_valid(folder: Path, certificate: Certificate, now: TrustedTime) -> None:
-    """Raises ConfigurationError where a node would refuse the certificate."""
+    """Raises ConfigurationError if a node would refuse the certificate."""
     wrong = now.verify(certificate)
     if wrong is None:
         return

@@ -1,4 +1,4 @@
-"""The names of nodes as certificates have them: `fog1`, `drone3`, `gs-ops`, `sensor2`, `broker-cloud`."""
+"""The names of nodes in certificates: `fog1`, `drone3`, `gs-ops`, `sensor2`, `broker-cloud`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..protocol.names import MAX_DRONE, MAX_FOG, MAX_SENSOR
 _STATION, _BROKER = "gs-", "broker-"
 _LABEL = r"[A-Za-z0-9_.-]{1,%d}"
 _LONGEST = 64
-"""Of a common name (RFC 5280, ub-common-name)."""
+"""The longest common name (RFC 5280, ub-common-name)."""
 _GRAMMAR = re.compile(
     r"(?P<kind>fog|drone|sensor)(?P<number>[1-9][0-9]{0,8})"
     f"|{_STATION}(?P<station>{_LABEL % (_LONGEST - len(_STATION))})"
@@ -22,7 +22,7 @@ NAME_EXPECTED = "expected fogX, droneY (Y at most 250), gs-NAME (NAME at most 61
 
 
 class Kind(StrEnum):
-    """What a node is."""
+    """The kind of a node."""
 
     FOG = "fog"
     DRONE = "drone"
@@ -44,7 +44,7 @@ class NodeName:
 
     @classmethod
     def parse(cls, text: str) -> NodeName:
-        """Raises ConfigurationError where `text` is no node's name."""
+        """Parse a node's name; raises ConfigurationError if `text` is none."""
         found = _GRAMMAR.fullmatch(text)
         if found is None:
             raise ConfigurationError(f"node name {text[:80]!r}: {NAME_EXPECTED}")

@@ -1,8 +1,8 @@
-"""What RabbitMQ 4 needs of a fleet: its users, and what each may publish and hear.
+"""The definitions of a fleet for RabbitMQ 4: its users, and the topics that each may publish and receive.
 
-RabbitMQ names MQTT's topics in its own way: dots between the levels, `*` for `+`. It looks at what is published topic
-by topic, and at a subscription by its filter. Its Erlang (OTP 27) cannot verify revocation lists that are signed by
-Ed25519, so a revoked node is kept out by having no user.
+RabbitMQ writes MQTT's topics with dots between the levels, and `*` for `+`. It checks each published topic, and each
+subscription by its filter. Its Erlang (OTP 27) cannot verify revocation lists that are signed by Ed25519, so a revoked
+node is kept out by having no user.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .identity import KEY_FILE
 DEFINITIONS_FILE = "definitions.json"
 EXCHANGE = "amq.topic"
 _OWN = r"^(mqtt-subscription-.*|amq\.topic)$"
-"""A subscriber's queues, and the exchange that has all topics."""
+"""A subscriber's queues, and the exchange of all topics."""
 _NOTHING = "^$"
 
 
@@ -38,7 +38,7 @@ def write(broker: BrokerFiles, out: Path) -> Path:
 
 
 def definitions(broker: BrokerFiles) -> dict[str, Any]:
-    """Users without passwords, who log in by their certificates; deny by default, as Mosquitto's access list."""
+    """Users without passwords, who log in by certificate; deny by default, as in Mosquitto's access list."""
     given = list(entries_of_all(broker.place, broker.members()))
     return {
         "vhosts": [{"name": "/"}],
@@ -60,13 +60,13 @@ def definitions(broker: BrokerFiles) -> dict[str, Any]:
 
 
 def _any(filters: Iterable[str]) -> str:
-    """A regular expression for all topics, and all narrower filters, that one of these covers."""
+    """A regular expression for all topics, and all narrower filters, that `filters` cover."""
     found = [_expression(topic.split("/")) for topic in filters]
     return f"^({'|'.join(found)})$" if found else _NOTHING
 
 
 def _expression(levels: list[str]) -> str:
-    """A station asks for `commands_result/#`, which is one level: a last `+` below a name covers that too."""
+    """One filter's expression. A last `+` after a name covers `#` too: stations subscribe to `commands_result/#`."""
     covering = [r"[^.#]+" if level == "+" else re.escape(level.replace(".", "/")) for level in levels]
     if levels[-1] == "+" and levels[-2] != "+":
         covering[-1] = r"[^.]+"

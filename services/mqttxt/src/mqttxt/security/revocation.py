@@ -14,7 +14,7 @@ from .certificate import UNREADABLE
 
 @dataclass(frozen=True)
 class RevocationList:
-    """Which serial numbers are revoked, as of `this_update_s` (Unix seconds); a higher `number` replaces a lower."""
+    """The revoked serial numbers as of `this_update_s` (Unix seconds); a higher `number` replaces a lower one."""
 
     der: bytes = field(repr=False)
     number: int
@@ -23,7 +23,7 @@ class RevocationList:
 
     @classmethod
     def of(cls, encoded: bytes, authority: Ed25519PublicKey, what: str = "revocation list") -> RevocationList:
-        """From PEM or DER; raises ConfigurationError where it is none, or not this authority's."""
+        """Parse PEM or DER; raises ConfigurationError if it is no list, or not this authority's."""
         try:
             is_pem = encoded.lstrip().startswith(b"-----BEGIN")
             found = x509.load_pem_x509_crl(encoded) if is_pem else x509.load_der_x509_crl(encoded)
@@ -44,5 +44,5 @@ class RevocationList:
         )
 
     def pem(self) -> bytes:
-        """As files have it."""
+        """The list in PEM, as files have it."""
         return x509.load_der_x509_crl(self.der).public_bytes(Encoding.PEM)

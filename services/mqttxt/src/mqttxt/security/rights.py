@@ -1,7 +1,7 @@
-"""What a ground station may do, as its certificate says it in URIs of the subject's alternative names.
+"""The rights of a ground station, which its certificate has as URIs of the subject's alternative names.
 
 `mqttxt:may/command/1-3,7` (or `*`), `mqttxt:may/upload-plan`, `mqttxt:may/set-parameters`,
-`mqttxt:may/take-over`, `mqttxt:may/observe`; beside them stands the fleet, `mqttxt:fleet/NAME`, in every certificate.
+`mqttxt:may/take-over`, `mqttxt:may/observe`. Every certificate also has the fleet, `mqttxt:fleet/NAME`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ EVERY = "*"
 
 
 def parse_numbers(text: str, most: int, what: str) -> frozenset[int]:
-    """Whole numbers from 1 to `most` as `1-3,7`; raises ConfigurationError with `what` in front."""
+    """Parse whole numbers from 1 to `most`, as `1-3,7`; raises ConfigurationError prefixed with `what`."""
     numbers: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.partition("-")
@@ -55,9 +55,9 @@ def command_right(drone: int) -> str:
 
 @dataclass(frozen=True)
 class Rights:
-    """What a station may do. `command` is the drones that it may command: None is every drone of the fleet.
+    """The rights of a station. `command` has the drones that it may command; None: every drone of the fleet.
 
-    `upload_plan`: their plans may be replaced and cleared, too; `set_parameters`: their parameters may be set.
+    `upload_plan`: it may also replace and clear their plans; `set_parameters`: it may set their parameters.
     """
 
     command: frozenset[int] | None = frozenset()
@@ -71,11 +71,11 @@ class Rights:
 
     @property
     def may_hear(self) -> bool:
-        """Whether the station may hear states, words and readings: who has any right may."""
+        """Whether the station may receive states, words and readings: any right is enough."""
         return self != Rights()
 
     def missing(self, command: Command, drone: int) -> str | None:
-        """The right that is missing for a command to a drone, None where none is."""
+        """The missing right for a command to a drone; None if none is missing."""
         if not self.may_command(drone):
             return command_right(drone)
         if isinstance(command, PlanCommand) and not self.upload_plan:
@@ -83,7 +83,7 @@ class Rights:
         return SET_PARAMETERS if isinstance(command, SetParameter) and not self.set_parameters else None
 
     def uris(self) -> tuple[str, ...]:
-        """As a certificate carries them."""
+        """The rights as URIs of a certificate."""
         command = EVERY if self.command is None else write_numbers(self.command)
         given = (
             (COMMAND + command, command != ""),
@@ -96,7 +96,7 @@ class Rights:
 
     @classmethod
     def of_uris(cls, uris: Iterable[str]) -> Rights:
-        """From a certificate's URIs; raises ConfigurationError for one that is unknown or given twice."""
+        """Parse a certificate's URIs; raises ConfigurationError for one that is unknown or repeated."""
         command: frozenset[int] | None = frozenset()
         seen: set[str] = set()
         for uri in uris:

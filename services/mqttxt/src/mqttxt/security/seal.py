@@ -1,4 +1,4 @@
-"""What a node signs, and whose signatures it believes (docs/protocol.md, section 12)."""
+"""Signs a node's messages and verifies those of others (docs/protocol.md, section 12)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .names import Kind
 
 EXPIRED = "expired"
 MOST_CERTIFICATES = 4
-"""Of one name, the newest: more than a renewal needs."""
+"""Certificates kept of one name, the newest ones: more than a renewal needs."""
 
 
 @dataclass(frozen=True)
 class Signed:
-    """A message whose signature is that of `certificate`, which is good, or was when its signer was met.
+    """A message signed with `certificate`, which is valid, or was valid when it was learned.
 
-    `is_expired`: it has ended since.
+    `is_expired`: the certificate has expired since.
     """
 
     certificate: Certificate
@@ -38,7 +38,7 @@ class Signed:
         return self.certificate.name
 
     def before_its_end(self) -> Signed:
-        """This; raises PayloadError where the certificate has ended: then only what R12.4 names counts."""
+        """This message; raises PayloadError if the certificate has expired: then only what R12.4 names is accepted."""
         if self.is_expired:
             raise PayloadError(f"certificate of {self.signer}: {EXPIRED}", "certificate")
         return self
@@ -55,9 +55,9 @@ def is_station(certificate: Certificate) -> bool:
 
 
 class Seal:
-    """Signs for one node, keeps the certificates of the others, and verifies what they signed.
+    """Signs for one node, keeps the certificates of others, and verifies their signatures.
 
-    `signs_states`: states too, which are not signed otherwise; `signs_readings`: sensors sign their readings.
+    `signs_states`: states are signed too, by default they are not; `signs_readings`: sensors sign their readings.
     """
 
     def __init__(self, identity: Identity, signs_states: bool = False, signs_readings: bool = False) -> None:
@@ -69,26 +69,26 @@ class Seal:
 
     @property
     def certificate(self) -> Certificate:
-        """This node's own, which may be renewed."""
+        """This node's own certificate, which may be renewed."""
         return self.identity.certificate
 
     def on_identity(self) -> bool:
-        """Whether the identity was renewed since this was asked: what either key signs is the node's own."""
+        """Returns whether the identity was renewed since the last call. What either key signed is the node's own."""
         is_new = self.certificate not in self._known[self.name]
         self._keep(self.certificate)
         return is_new
 
     def sign(self, topic: str, payload: bytes, with_certificate: bool = False) -> Envelope:
-        """A payload as this node says it on `topic`, which is named as R12.3 has it."""
+        """Sign a payload for `topic`, which is named as in R12.3."""
         aad = external_aad(self.identity.fleet.key_hash, self.name, topic)
         signature = self.identity.sign(to_be_signed(payload, aad))
         certificate = self.certificate.der if with_certificate else None
         return Envelope(payload, self.certificate.hash[:KID_BYTES], signature, certificate)
 
     def open(self, topic: str, data: bytes, signer: str) -> Signed:
-        """A message of `signer` on `topic`; raises PayloadError for any other, of which nothing may follow.
+        """Verify a message of `signer` on `topic`; raises PayloadError for any other, which must have no effect.
 
-        What comes here has no relay that adds to it, and much of it is passed on byte by byte.
+        No relay adds a `route` to these messages, and many are passed on byte for byte.
         """
         signed = self.verified(Envelope.parse(data), lambda _: topic, lambda certificate: certificate.name == signer)
         if signed.envelope.route is not None:
@@ -96,19 +96,19 @@ class Seal:
         return signed
 
     def open_one_of(self, data: bytes, topics: dict[str, str]) -> Signed:
-        """A message of one of several signers, each on a topic of its own; raises PayloadError for any other."""
+        """Verify a message of one of several signers, each on a topic of its own; raises PayloadError for any other."""
         return self.verified(
             Envelope.parse(data), lambda certificate: topics[certificate.name], lambda c: c.name in topics
         )
 
     def open_of_station(self, topic: str, envelope: Envelope) -> Signed:
-        """A message of any ground station on `topic`; raises PayloadError for any other."""
+        """Verify a message of any ground station on `topic`; raises PayloadError for any other."""
         return self.verified(envelope, lambda _: topic, is_station)
 
     def verified(
         self, envelope: Envelope, topic: Callable[[Certificate], str], expected: Callable[[Certificate], bool]
     ) -> Signed:
-        """A message of an `expected` signer on its `topic`; raises PayloadError for any other."""
+        """Verify a message of an `expected` signer on its `topic`; raises PayloadError for any other."""
         if envelope.certificate is not None:
             self._learn(envelope.certificate, expected)
         named = (known for certificates in self._known.values() for known in certificates)
@@ -128,11 +128,11 @@ class Seal:
         raise PayloadError(f"signature: expected one of {among[0].name} for this topic", "forged")
 
     def knows(self, name: str) -> bool:
-        """Whether a certificate of that name is known that is not revoked."""
+        """Whether a certificate of that name is known and not revoked."""
         return any(known.serial not in self.identity.fleet.revoked.serials for known in self._known.get(name, ()))
 
     def _learn(self, der: bytes, expected: Callable[[Certificate], bool]) -> None:
-        """Keep a certificate that is good, and of somebody who is expected; raises PayloadError for any other."""
+        """Keep a valid certificate of an expected node; raises PayloadError for any other."""
         if any(known.der == der for certificates in self._known.values() for known in certificates):
             return
         try:

@@ -1,4 +1,4 @@
-"""What an authority's key signs: its own certificate, the nodes' and the revocation list."""
+"""The documents that an authority's key signs: its own certificate, the nodes' and the revocation list."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .rights import FLEET, Rights
 AUTHORITY_DAYS = 10_957
 """30 years: an authority is not renewed; a new fleet is made instead."""
 BACKDATED = timedelta(minutes=5)
-"""The clocks of a fleet's machines differ."""
+"""How far the start of validity is dated back, because the clocks of a fleet's machines differ."""
 _HOST = re.compile(r"[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*")
 _LOOPBACK = ("127.0.0.1", "::1")
 
 
 def self_signed(key: Ed25519PrivateKey, fleet: str) -> x509.Certificate:
-    """A new fleet's certificate."""
+    """A new fleet's certificate, signed by its own key."""
     start = datetime.now(UTC) - BACKDATED
     key_id = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
     builder = (
@@ -54,7 +54,7 @@ def signed_certificate(
     start: datetime,
     end: datetime,
 ) -> bytes:
-    """A node's certificate, whose key is `of`; raises ConfigurationError for a host that is none."""
+    """A certificate in PEM for a node whose key is `of`; raises ConfigurationError for an invalid host."""
     uris = (FLEET + fleet.name, *rights.uris())
     names: list[x509.GeneralName] = [x509.UniformResourceIdentifier(uri) for uri in uris]
     if node.kind is Kind.BROKER:
@@ -80,7 +80,7 @@ def signed_certificate(
 def signed_list(
     key: Ed25519PrivateKey, authority: x509.Certificate, number: int, entries: dict[int, datetime]
 ) -> bytes:
-    """Valid for as long as the authority: past `nextUpdate` OpenSSL would refuse everybody."""
+    """A revocation list in PEM, valid as long as the authority: past `nextUpdate` OpenSSL would refuse everyone."""
     builder = (
         x509.CertificateRevocationListBuilder()
         .issuer_name(authority.subject)

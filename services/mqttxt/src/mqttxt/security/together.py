@@ -1,4 +1,4 @@
-"""Words of several drones in one message where messages are signed: each as its drone, or its activator, signed it."""
+"""Signed words of several drones in one message: each as its drone, or its activator, signed it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .cose import Envelope
 
 
 def encode_together(words: Iterable[tuple[int, Envelope]]) -> bytes:
-    """`[1, [[drone, COSE_Sign1], …]]`, in deterministic CBOR; nothing but the envelopes is signed (R12.11)."""
+    """`[1, [[drone, COSE_Sign1], …]]` in deterministic CBOR; only the envelopes are signed (R12.11)."""
     return cbor2.dumps([VERSION, [[drone, envelope.plain()] for drone, envelope in words]], canonical=True)
 
 
 def parse_together(payload: bytes) -> list[tuple[int, Envelope]] | None:
-    """Each drone's word, in their order; None for a message that is signed as a whole. Raises PayloadError."""
+    """Each drone's word, in order; None for a message that is signed as a whole. Raises PayloadError."""
     plain = parse_cbor(payload)
     if not isinstance(plain, list) or len(plain) != 2:
         return None

@@ -1,4 +1,4 @@
-"""The wall clock as certificates need it: a drone may have none at boot, and time never goes back."""
+"""The wall clock for certificates: a drone may have none at boot, and this time never goes back."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ PERSIST_EVERY_S = 600.0
 
 
 class TrustedTime:
-    """The latest of the system's clock, and of what the node knew at some moment and the time that has passed since.
+    """The later of the system's clock and a known time plus the time that has passed since.
 
-    It knows the time that `folder` keeps, and the revocation list's. Without a battery-backed clock a machine starts in
-    1970, or where it ended. `system` gives Unix seconds, `running` those since any start; tests hand in their own.
+    Known times are that in `folder`, the revocation list's, and starts of validity. Without a battery-backed clock a
+    machine starts in 1970, or where it stopped. `system` returns Unix seconds, `running` seconds since any start; tests
+    pass their own.
     """
 
     def __init__(
@@ -40,10 +41,10 @@ class TrustedTime:
         return max(self._system(), self._least_s())
 
     def verify(self, certificate: Certificate) -> str | None:
-        """Why a certificate is not good now, None where it is (`Fleet.verify`).
+        """Why a certificate is invalid now; None if it is valid (`Fleet.verify`).
 
-        A clock that is behind what the node knows cannot tell that a certificate is not yet valid: that the authority
-        has signed it tells the time.
+        A clock that is behind a known time cannot tell that a certificate is not yet valid: the authority's signature
+        shows that its start has passed.
         """
         verdict = self._fleet.verify(certificate, self.now_s())
         if verdict == "not_yet_valid" and self._system() < self._least_s():
@@ -52,7 +53,7 @@ class TrustedTime:
         return verdict
 
     def _least_s(self) -> float:
-        """What it is at least, whatever the system's clock says."""
+        """The latest known time, whatever the system's clock shows."""
         known_s = self._at_start_s + self._running()
         listed_s = self._fleet.revoked.this_update_s
         if listed_s > known_s:
@@ -63,7 +64,7 @@ class TrustedTime:
         self._at_start_s = now_s - self._running()
 
     def keep(self) -> None:
-        """Write the time down, for a start without a clock; blocks. Raises ConfigurationError."""
+        """Write the time to the folder, for a start without a clock; blocks. Raises ConfigurationError."""
         now_s = self.now_s()
         files.write(self._file, f"{int(now_s)}\n".encode())
         self._learn(now_s)

@@ -16,21 +16,21 @@ from .outcomes import Outcome, PsmiList
 from .process import StationRunner
 
 HOLD_S = 5.0
-"""How much longer than a drone has to start a fog keeps the one that it offered."""
+"""How much longer a fog's reservation lasts than the time that the drone has to start."""
 
 _RELEASE_TTL_S = 5.0
 _SHORTEST_S = 0.001
 _CANCELLED = "cancelled"
 
 Place = tuple[StationRunner, int]
-"""A fog by its number, and the station that it is registered at: fogs of several fleets have one each."""
+"""A fog by its number, and the station that is registered at it: each of several fleets has its own."""
 Asked = SentCommand[Outcome, Outcome | PsmiList]
 Answer = tuple[StationRunner, Outcome | PsmiList]
 Offer = tuple[StationRunner, PsmiList]
 
 
 def best(places: Sequence[Place], command: Command, ttl_s: float, limit_s: float | None) -> Asked:
-    """`GroundStation.best` and `Fleets.best`: one fog chooses by itself, of several the station does."""
+    """`GroundStation.best` and `Fleets.best`: one fog that does not sign chooses itself, else the station does."""
     if not places:
         raise FogUnreachable(f"no fog is connected; {command.name} was not sent")
     runner, fog = places[0]
@@ -48,9 +48,9 @@ async def _choose(
     ttl_s: float,
     limit_s: float | None,
 ) -> AsyncIterator[Outcome | PsmiList]:
-    """The events from the fogs' offers to the last word of the drone that was sent.
+    """Choose by the fogs' offers; yields the events from those to the last word of the drone that was sent.
 
-    `stopped_before` are the numbers of the last hold, land or return of each station before the choice.
+    `stopped_before` has the number of each station's last hold, land or return before the choice.
     """
     held: list[Offer] = []
     try:
@@ -75,7 +75,7 @@ async def _choose(
                 async for event in _commit(offer, command, start_until_s, limit_s):
                     last = Word.UNCONFIRMED if runner.station.is_doubtful(event) else event.word
                     if last not in PASSED_OVER:
-                        _release(command, held)  # it may fly: nobody else will
+                        _release(command, held)  # the drone may fly, so no other is sent
                     yield event
             except FogUnreachable:  # it was not sent
                 if not held:
@@ -108,12 +108,12 @@ async def _commit(
     async for event in runner.select(
         chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq, chosen.chosen
     ):
-        if isinstance(event, Outcome):  # the list came with the offer
+        if isinstance(event, Outcome):  # the offer had the list
             yield event
 
 
 async def _next_offer(tried: Offer, command: Command, start_until_s: float) -> list[Answer]:
-    """A fog's next offer, beside the drone that refused; the second half of the time that is left is the commit's."""
+    """A fog's next offer, without the drone that refused; half of the time that is left is kept for the commit."""
     runner, before = tried
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
     wait_s = max(_SHORTEST_S, left_s / 2)
@@ -123,7 +123,7 @@ async def _next_offer(tried: Offer, command: Command, start_until_s: float) -> l
 
 
 def _is_overridden(stopped_before: dict[StationRunner, int]) -> bool:
-    """Whether a hold, land or return was sent since: nobody is sent in place of whom that stops."""
+    """Whether a hold, land or return was sent since: it ends the choice, and no other drone is sent."""
     return any(runner.station.commands.overriding_seq != before for runner, before in stopped_before.items())
 
 
@@ -138,7 +138,7 @@ def _reserved(answer: Answer) -> list[Offer]:
 
 
 def _release(command: Command, held: list[Offer]) -> None:
-    """Give up what is reserved; where the fog or the station is gone it lapses by itself."""
+    """Release the reservations; where the fog or the station is gone, they lapse by themselves."""
     while held:
         runner, offer = held.pop()
         with contextlib.suppress(MqttxtError):
@@ -150,8 +150,8 @@ def _ask(
 ) -> list[tuple[StationRunner, Asked]]:
     """Ask each fog to reserve its best within `ttl_s`; raises FogUnreachable where none is live.
 
-    `left_s` is the time in which the drone has to start. `tried` is the number of an offer whose drone, and those
-    before it, are left out. What keeps one fleet from being asked keeps no other from it.
+    `left_s` is the time within which the drone must start. `tried` is the number of an offer: its drone, and those
+    of the offers before it, are left out. An error in one fleet does not keep the others from being asked.
     """
     asked, wrong = [], None
     for runner, fog in places:
@@ -165,7 +165,7 @@ def _ask(
 
 
 async def _answers(asked: list[tuple[StationRunner, Asked]], limit_s: float) -> list[Answer]:
-    """What the fogs answer within a time: their lists with what they have reserved, or why they have nothing."""
+    """The fogs' answers within a time: lists with their reservations, or the reason why there is none."""
     answers = await asyncio.gather(*(_answer(one, limit_s) for _, one in asked))
     return [(runner, event) for (runner, _), answer in zip(asked, answers, strict=True) for event in answer]
 

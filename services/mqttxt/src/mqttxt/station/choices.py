@@ -1,4 +1,4 @@
-"""The choices across fogs that a station has begun: each is carried through, whether or not somebody waits for it."""
+"""A station's open choices across fogs: each runs to its end, awaited or not."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .outcomes import Outcome, PsmiList, last_word
 
 
 class Choices:
-    """Those of one station that are under way."""
+    """The open choices of one station."""
 
     def __init__(self) -> None:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def begin(self, choice: AsyncIterator[Outcome | PsmiList]) -> SentCommand[Outcome, Outcome | PsmiList]:
-        """Carry a choice through, and follow it."""
+        """Run a choice in a task of its own; returns the command that follows it."""
         record = Record[Outcome | PsmiList]()
 
         async def carry_through() -> None:
@@ -34,7 +34,7 @@ class Choices:
         return SentCommand(record, last_word)
 
     async def end(self) -> None:
-        """End them; what they have reserved is released."""
+        """Cancel the choices, which then release their reservations."""
         for task in self._tasks:
             task.cancel()
         if self._tasks:

@@ -33,7 +33,7 @@ _LIMIT: Scaled = mark_of(Limit)
 
 
 def ttl_ms_of(ttl_s: float) -> int:
-    """A ttl in whole milliseconds; raises ConfigurationError for what no deadline may be ahead."""
+    """A ttl in whole milliseconds; raises ConfigurationError unless it is above 0 and at most 60 s (R4.7)."""
     if not 0 < ttl_s <= MAX_TTL_MS / 1000:
         raise ConfigurationError(f"ttl {ttl_s:g} s: expected more than 0 and at most {MAX_TTL_MS / 1000:g}")
     return max(1, round(ttl_s * 1000))
@@ -56,7 +56,7 @@ class StationCommands:
             self._signer = CommandSigner(channel.seal, channel.settings.encoding)
         self._seq = 0
         self.overriding_seq = -1
-        """Of the last hold, land or return."""
+        """The sequence number of the last hold, land or return."""
 
     def send(
         self,
@@ -71,7 +71,7 @@ class StationCommands:
         """Send a command to a drone, or with None to every drone of a fog.
 
         Raises FogUnreachable when the activator is not live or, where commands are signed, a drone's clock is not
-        known; ConfigurationError for a ttl, a limit or a broadcast that cannot be, and for a right that is missing.
+        known; ConfigurationError for an invalid ttl, limit or broadcast, and for a missing right.
         """
         if drone is None and not isinstance(command, BROADCASTABLE):
             raise ConfigurationError(f"broadcast {command.name}: expected a command that is the same for every drone")
@@ -102,8 +102,8 @@ class StationCommands:
     ) -> tuple[CommandId, list[Output]]:
         """Let a fog choose the drone for a command, or take one step of a choice across fogs; errors as `send`.
 
-        `limit_s` of an offer is how long the reservation holds. Where commands are signed a commit names the `drone`,
-        and no fog chooses by itself.
+        `limit_s` of an offer is how long the reservation holds. Where commands are signed, a commit names the `drone`,
+        and a select, by which the fog would choose, is refused.
         """
         if command.name not in SELECTABLE:
             raise ConfigurationError(f"{command.name}: expected a command that PSMI ranks: {', '.join(SELECTABLE)}")
@@ -130,7 +130,7 @@ class StationCommands:
     def _addressed(
         self, fog: FogView, command: Command, ttl_ms: int, limit_s: float | None, now_ms: int
     ) -> dict[str, Any]:
-        """The fields that every command to a fog has; the sequence number is used up."""
+        """The fields that every command to a fog has; takes the next sequence number."""
         if not 0 < ttl_ms <= MAX_TTL_MS:
             raise ConfigurationError(f"ttl {ttl_ms} ms: expected more than 0 and at most {MAX_TTL_MS}")
         if limit_s is not None and not _LIMIT.low <= limit_s <= _LIMIT.high:
@@ -173,7 +173,7 @@ class StationCommands:
         return pending
 
     def _waits_ms(self, drone: int | None, message: CommandMessage | SelectMessage) -> int:
-        """How long what the activator says of a command may wait there (R10.6)."""
+        """How long the activator may hold back its words on a command (R10.6)."""
         is_broadcast = drone is None and isinstance(message, CommandMessage)
         is_urgent = isinstance(message.command, OVERRIDING)
         return TOGETHER_MS if is_broadcast and self._settings.bundles and not is_urgent else 0
@@ -181,7 +181,7 @@ class StationCommands:
     def on_result(
         self, fog: FogView, drone: int, result: ResultMessage, now_ms: int, signer: str | None = None
     ) -> list[Output]:
-        """A word about a command, which `signer` has signed where messages are."""
+        """Take a word about a command; `signer` is the node that signed it, None without signatures."""
         pending = self.pending.get(result.id)
         if pending is None or pending.fog != fog.number:
             return []  # another station's, or one that was forgotten
@@ -239,17 +239,17 @@ class StationCommands:
                 pending.retry = Retry.of(0, now_ms, 0, TOGETHER_MS)
             pending.roster = tuple(entry.drone for entry in result.roster)
             missing = tuple(drone for drone in pending.signed_for if drone not in pending.roster)
-            pending.roster += missing  # it was signed for them: whoever holds it back, they may have it
+            pending.roster += missing  # the command was signed for them: whatever the roster says, they may have it
             if missing:
                 return [Log("missing_from_roster", f"fog {fog.number} left drones {missing} out of {result.id}")]
         return []
 
     def ask_again(self, fog_number: int) -> list[Output]:
-        """After a lost connection the same bytes again: a duplicate is answered, not executed."""
+        """The same bytes again after a lost connection: a duplicate is answered, not executed."""
         return [p.publish for p in self.pending.values() if p.fog == fog_number and p.is_open]
 
     def sign_again(self) -> None:
-        """Asked for again, what is open is signed by the newest key: an older one may be revoked by then."""
+        """Sign the open commands with the newest key for their repetitions: an older key may be revoked by then."""
         if self._signer is None:
             return
         for pending in self._open.values():
@@ -258,7 +258,7 @@ class StationCommands:
             pending.publish = replace(publish, payload=self._signer.sign_again(topic, publish.payload))
 
     def tick(self, fogs: Mapping[int, FogView], now_ms: int) -> list[Output]:
-        """Commands that nobody answers: asked for again, and at last given up."""
+        """Repeat the commands that are not answered, and at last give them up."""
         for pending in [pending for pending in self._open.values() if not pending.is_open]:
             del self._open[pending.id]
             self._closed.append(pending)
@@ -292,7 +292,7 @@ class StationCommands:
     def _say_to_open(
         self, pending: Pending, word: Word, reason: str | None, now_ms: int, signer: str | None = None
     ) -> list[Output]:
-        """A last word for each drone that has none."""
+        """Close the command for each drone that has no last word."""
         out: list[Output] = []
         for drone in pending.open_drones():
             outcome = Outcome(pending.id, pending.fog, drone, pending.command.name, word, reason, signer=signer)

@@ -11,9 +11,9 @@ from ..protocol.state_payload import StampedState
 
 @dataclass
 class HeardState:
-    """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of.
+    """A state with its stamps, when it arrived by the station's clock, and the clock of its relay stamp.
 
-    `said_ms` bounds from below when it was said, in the own time, once that clock is known.
+    `said_ms` is a lower bound of when it was published, by the station's clock, once the relay's clock is known.
     """
 
     message: StampedState
@@ -22,7 +22,7 @@ class HeardState:
     said_ms: int | None = None
 
     def age_ms(self, now_ms: int) -> int | None:
-        """Upper bound of its age; None before the fog has echoed this station."""
+        """An upper bound of its age; None before the fog has echoed a nonce of this station."""
         if self.said_ms is None and self.clock is not None and self.message.relay_stamp is not None:
             age_ms = self.clock.age_ms(self.message.relay_stamp, now_ms)
             self.said_ms = None if age_ms is None else now_ms - age_ms
@@ -31,9 +31,9 @@ class HeardState:
 
 @dataclass
 class DroneView:
-    """One drone of a fog. `clock` is what the drone's own beacons say, where they are signed.
+    """One drone of a fog. `clock` follows the drone's own beacons, where they are signed.
 
-    `session` is the drone's in the fog's newest record of it that names one: an older beacon may be repeated.
+    `session` is the one in the fog's newest record that names one; a beacon may be an old one, replayed.
     """
 
     number: int
@@ -47,5 +47,5 @@ class DroneView:
 
     @property
     def signing_clock(self) -> RemoteClock | None:
-        """The clock that signed commands are due in; None before drone and fog have named the same session."""
+        """The clock of signed commands' deadlines; None before drone and fog have named the same session."""
         return self.clock if self.clock is not None and self.clock.session == self.session else None

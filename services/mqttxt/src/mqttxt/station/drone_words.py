@@ -1,4 +1,4 @@
-"""What drones say through their activator, and who has signed it (docs/protocol.md, section 12)."""
+"""Drones' words and answers as their activator passes them on, and their signers (docs/protocol.md, section 12)."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ..security.together import parse_together
 from .fog import FogView
 
 OF_A_FOG = frozenset({Word.DENIED, Word.EXPIRED, Word.UNREACHABLE, Word.UNCONFIRMED})
-"""What an activator may say of a command by itself; the other words are their drone's alone (R12.11)."""
+"""The words that an activator may say in its own name; all others are the drone's alone (R12.11)."""
 
 
 class DroneWords:
-    """Opens them. Where messages are signed, raises PayloadError for what neither the drone nor its fog may say."""
+    """Opens words and answers. Where messages are signed, raises PayloadError for one that its signer may not send."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
 
     def answer(self, topic: DroneTopic, message: Inbound) -> bytes:
-        """What a drone says of an object; where messages are signed, as it has signed it."""
+        """The payload of a drone's answer about an object; where messages are signed, of what the drone signed."""
         seal = self._channel.seal
         if seal is None:
             return message.payload
         return seal.open(FogSide().bulk_answer(topic.drone), message.payload, f"drone{topic.drone}").payload
 
     def result(self, fog: str, topic: DroneTopic, message: Inbound) -> tuple[ResultMessage, str | None]:
-        """A word, and who has signed it: the drone, or the activator of `fog` a word of its own."""
+        """A word and its signer: the drone, or the activator of `fog` for its own word; None without signatures."""
         if self._channel.seal is None:
             return decode(ResultMessage, message.payload), None
         drone, own = f"drone{topic.drone}", FogSide().commands_result(topic.drone, topic.name)
@@ -49,7 +49,7 @@ class DroneWords:
 
 
 def apart(fog: FogView, topic: FogTopic, message: Inbound) -> list[Inbound] | None:
-    """Signed words that came together, each as it would have come alone; None for any other message (R12.11)."""
+    """A message of several signed words as one message per word; None for any other message (R12.11)."""
     found = parse_together(message.payload)
     if found is None:
         return None
@@ -60,7 +60,7 @@ def apart(fog: FogView, topic: FogTopic, message: Inbound) -> list[Inbound] | No
 
 
 def _relayed(result: ResultMessage, signed: Envelope) -> ResultMessage:
-    """A drone's word with what its activator says beside it: when it came, and whether it settles an `unconfirmed`."""
+    """A drone's word with its activator's additions: the relay stamp, and whether it settles an `unconfirmed`."""
     route = signed.route
     if not (isinstance(route, list) and len(route) == 2 and type(route[1]) is bool):
         raise PayloadError(f"route {shown(route)}: expected a stamp and whether it settles")

@@ -1,4 +1,4 @@
-"""What a ground station's program waits for: the words about a command that it sent, and everything else it hears."""
+"""What a station's program can wait for: the words about a command that it sent, and the stream of all events."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Said = TypeVar("Said")
 
 
 class Bell:
-    """Wakes everyone who waits for it, each time that it rings."""
+    """Wakes all tasks that wait for it, each time that it rings."""
 
     def __init__(self) -> None:
         self._next: asyncio.Future[None] | None = None
@@ -45,12 +45,12 @@ class Record(Generic[Said]):
         self._bell.ring()
 
     def end(self, error: BaseException | None = None) -> None:
-        """No more words come; `error` is why, where that is no proper end."""
+        """End the record: no more words arrive. `error` is the reason, unless it is a regular end."""
         self._has_ended, self._error = True, error
         self._bell.ring()
 
     async def more_than(self, count: int) -> bool:
-        """Wait until more than `count` words have come; False at the end, or raises the error that was the end."""
+        """Wait for more than `count` words. Returns False at a regular end; raises the error of any other end."""
         while len(self.said) <= count:
             if self._error is not None:
                 raise self._error
@@ -63,18 +63,18 @@ class Record(Generic[Said]):
 class SentCommand(Generic[Answer, Said]):
     """A command that was sent. Await it for its answer, or iterate over it to follow its words.
 
-    The call that returns this object has sent the command, once. Nothing that is done with the object, or left undone,
-    sends it again, takes it back or stops it:
+    The call that returns this object has sent the command, once. No use of the object sends the command again, takes it
+    back or stops it:
 
     - `await` returns the answer, as the call that sent the command describes it. Every further `await`, in any task,
       returns the same answer.
     - `async for` yields every word about the command, up to its end. Every iteration begins with the first
       word, whenever it is started.
-    - A wait that is cancelled, by a timeout too, and an iteration that is left early or ends with an exception of its
-      own, end the waiting alone. The command goes on, and can be awaited again. Send `Hold` to stop a drone.
-    - A command that nobody awaits is carried out all the same.
-    - `asyncio.ensure_future` makes a task that waits. `asyncio.create_task`, of a TaskGroup too, raises TypeError for
-      anything but a coroutine: the command is sent by then, as by every call.
+    - Cancelling a wait, as a timeout does, and leaving an iteration, early or by an exception, ends only the waiting.
+      The command goes on, and can be awaited again. Send `Hold` to stop a drone.
+    - A command that is never awaited is carried out too.
+    - `asyncio.ensure_future` makes a task that waits. `asyncio.create_task`, also that of a TaskGroup, raises TypeError
+      for anything but a coroutine; the command has been sent by then.
 
     Both raise StationEnded where the station is left before the command has ended, and BrokerRefused where the broker
     ended the station: whether the command is carried out is then not known.
@@ -85,7 +85,7 @@ class SentCommand(Generic[Answer, Said]):
         self._answer = answer
 
     def __repr__(self) -> str:
-        """For the TypeError of `asyncio.create_task` in particular, which names what it got."""
+        """Shown above all by the TypeError of `asyncio.create_task`, which names its argument."""
         return "<SentCommand: the command was sent; asyncio.ensure_future makes a task that waits for it>"
 
     def __await__(self) -> Generator[None, None, Answer]:
@@ -104,10 +104,10 @@ class SentCommand(Generic[Answer, Said]):
 
 
 class EventStream:
-    """Everything that a ground station hears from the call of `GroundStation.events` on: an asynchronous iterator.
+    """Every event of a ground station from the call of `GroundStation.events` on, as an asynchronous iterator.
 
-    It ends with the station. Raises BrokerRefused where the broker ended the station, behind what was heard before. A
-    stream that is no longer used need not be closed.
+    It ends with the station. Where the broker ended the station, it raises BrokerRefused after the last event. A stream
+    that is no longer used need not be closed.
     """
 
     def __init__(self, record: Record[Event]) -> None:

@@ -1,4 +1,4 @@
-"""Who of a fleet that signs has an old revocation list, by the beacons and births that name it (R12.18)."""
+"""Which nodes have an old revocation list: beacons and births name it, in a fleet that signs (R12.18)."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from ..core.clock import BEACON_INTERVAL_MS
 from .outcomes import ListBehind
 
 BEHIND_MS = 3 * BEACON_INTERVAL_MS
-"""How long a node may go on with an old list, while the newer one is on its way, before people are told."""
+"""How long a node may have an old list, while the newer one is on its way, before it is reported."""
 
 
 class ListWatch:
-    """What a ground station, `name`, knows of the lists that nodes have. Times are of its session clock."""
+    """Watches the nodes' lists for the ground station `name`. Times are of its session clock."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -19,7 +19,7 @@ class ListWatch:
         self._told: dict[str, int] = {}
 
     def observe(self, fog: int, node: str, number: int | None, own: int, now_ms: int) -> list[ListBehind]:
-        """A node of a fog has said the number of its list, while this station has `own`."""
+        """Note the list number of a node and this station's, `own`; returns those that were behind for too long."""
         self._newest = max(self._newest, number or 0, own)
         return [*self._judge(fog, node, number or 0, now_ms), *self._judge(fog, self._name, own, now_ms)]
 

@@ -1,4 +1,4 @@
-"""A flight log on its way into a file: kept where it breaks off, whole or not at all under its own name."""
+"""A flight log's download into a file: resumed where it broke off, and under its own name only when whole."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _READ_BYTES = 65_536
 
 @dataclass(frozen=True)
 class LogProgress:
-    """How far a log is on its way.
+    """The progress of a log's download.
 
     Parameters:
-        is_at_drone: the drone has it as a whole, and hands it on; else it reads it from its autopilot.
-        done: bytes that have been read, or of the compressed log those that have come.
-        size: how many there are.
+        is_at_drone: the drone has the whole log and sends it; else it still reads it from its autopilot.
+        done: bytes of the log that the drone has read, or of the compressed log that have arrived.
+        size: how many bytes there are in all.
     """
 
     is_at_drone: bool
@@ -40,7 +40,7 @@ class LogProgress:
 
 
 class LogDownload:
-    """One log of a drone, for one file; `run` once."""
+    """The download of one log of a drone into one file; `run` it once."""
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class LogDownload:
                     try:
                         await self._once()
                         return
-                    except TransferFailed as error:  # the drone was started anew, or a disk has changed what it had
+                    except TransferFailed as error:  # the drone was restarted, or a disk has altered the bytes
                         if attempt == ATTEMPTS - 1 or not str(error).endswith(("unknown_hash", "wrong_hash")):
                             raise
         except TimeoutError:
@@ -104,9 +104,9 @@ class LogDownload:
 
 
 class _Part:
-    """What has come of a log that a hash names, in a hidden file beside the one that it is for. Every method blocks.
+    """The received bytes of a log that a hash names, in a hidden file beside its target. Every method blocks.
 
-    Raises ConfigurationError where the disk does not take something; what is there stays for another time.
+    Raises ConfigurationError for a disk error; the received bytes are kept for another attempt.
     """
 
     def __init__(self, target: Path, hash: bytes, size: int) -> None:
@@ -115,7 +115,7 @@ class _Part:
         self._file = -1
 
     def open(self) -> int:
-        """How many bytes are there. What has come of another log for the same file is removed."""
+        """Open the hidden file; returns its size. Those of other logs for the same target are removed."""
         with self._changing():
             for other in self._target.parent.glob(f".{glob.escape(self._target.name)}.*.part"):
                 if other != self._path:
@@ -137,7 +137,7 @@ class _Part:
         os.close(self._file)
 
     def finish(self, size: int) -> bool:
-        """Make the log of `size` bytes of it; False, and all of it is removed, where it is not what its hash names."""
+        """Unpack it into the target, a log of `size` bytes. False, and it is removed, if its hash is wrong."""
         made = self._target.with_name(f".{self._target.name}.new")
         with self._changing():
             digest = hashlib.sha256()
@@ -170,7 +170,7 @@ class _Part:
 
 
 def _unpack(path: Path, write: Callable[[bytes], object], size: int) -> bool:
-    """Write what is compressed in a file; False where that is not `size` bytes, of which no more are made."""
+    """Decompress a file into `write`; False where that is not `size` bytes. It stops where there are more."""
     inflater, made = zlib.decompressobj(), 0
     try:
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""A flight log on its way from a drone: whether the drone has it yet, then its bytes in their order (section 18)."""
+"""A flight log's transfer from a drone: wait until the drone has it, then fetch its bytes in order (section 18)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from .fog import FogView
 from .transfers import Transfer
 
 MOST_WAITING_BYTES = 65_536
-"""What has come and is not on the disk yet, before no more is asked for."""
+"""No more is requested while this many received bytes are not on the disk yet."""
 ALLOWANCE_BYTES = 8 * WINDOW_BYTES
-"""What may be asked for at once after a while of less than the rate."""
+"""The largest burst of requests after a time below the rate."""
 
 
 class LogWait(Transfer):
-    """Until a drone has a log as a whole: `hash` and `size` name it then, compressed.
+    """Waits until a drone has a whole log; `hash` and `size` are then those of the compressed log.
 
-    `done` is how many bytes it has read of its autopilot, `told` how many of them whoever waits knows of.
+    `done` is how many bytes the drone has read from its autopilot, `told` the `done` that the caller has seen.
     """
 
     def __init__(self, fog: FogView, drone: int, log: FlightLog) -> None:
@@ -31,7 +31,7 @@ class LogWait(Transfer):
         return self.is_over or self.done != self.told
 
     def take(self, answer: Answer, now_ms: int) -> None:
-        """The drone's answer; that it is still reading says that it has heard the question."""
+        """Take the drone's answer. `Making` shows, too, that the question has arrived."""
         if isinstance(answer, Refused) and answer.hash is None:
             self.end(answer.reason)
         elif isinstance(answer, Have):
@@ -50,9 +50,9 @@ class LogWait(Transfer):
 
 
 class LogPieces(Transfer):
-    """The bytes of a whole log from `start` on, which come out of `take_out` in their order.
+    """Fetches the bytes of a whole log from `start` on, which `take_out` returns in order.
 
-    No more than `most_bytes_s` are asked for in a second.
+    At most `most_bytes_s` are requested per second.
     """
 
     def __init__(self, waited: LogWait, start: int, most_bytes_s: int) -> None:
@@ -66,17 +66,17 @@ class LogPieces(Transfer):
 
     @property
     def has_news(self) -> bool:
-        """Whether bytes have come that were not taken out, or none will any more."""
+        """Whether bytes wait for `take_out`, or the transfer is over."""
         return bool(self._waiting) or self.is_over
 
     def take_out(self) -> bytes:
-        """The bytes behind those that were taken out before."""
+        """Remove and return the bytes that have arrived in order since the last call."""
         found = bytes(self._waiting)
         self._waiting.clear()
         return found
 
     def take(self, answer: Answer, now_ms: int) -> None:
-        """The drone's answer. One that does not have the log any more was started anew, or needed the room."""
+        """Take the drone's answer. A drone that no longer has the log was restarted, or needed the room."""
         if isinstance(answer, Refused):
             if answer.hash in (None, self._hash):
                 self.end(answer.reason)

@@ -1,4 +1,4 @@
-"""What a ground station learns: outcomes of its commands, states of drones, and who is reachable."""
+"""A ground station's events: outcomes of commands, states, reachability and control of drones, rankings, readings."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ class Outcome:
     """One word about a command and a drone.
 
     Parameters:
-        id: the command's: this session and its number in it.
+        id: the command's id: the station's session and the command's number in it.
         fog: the fog's number.
         drone: the drone's number; None: the word is about the fog as a whole.
         command: the command's name, as `takeoff`.
         word: the word.
-        reason: why, in the specification's words or the autopilot's; None where there is nothing to say.
-        percent: how far the drone has come, 0 to 100, with `in_progress`.
+        reason: the reason, in the specification's words or the autopilot's; None where there is none.
+        percent: the progress, 0 to 100, with `in_progress`.
         late_ms: how far past its deadline the drone's clock read after the write, in milliseconds.
         superseded_by: the id of the command that superseded this one.
-        settled: this is the truth that followed an `unconfirmed`, and no last word.
-        age_ms: an upper bound of how long ago it was said, in milliseconds; None where the fog's clock is not known.
-            Too small by a multiple of 655,360 where it was first heard that long after it was said, or later.
-        observed: false for a `completed` whose effect nobody saw.
-        signer: who has signed it, `drone2`, or `fog1` for an activator's own; None where messages are not signed.
-        fleet: the name of their fleet, where the station is one of `Fleets`; empty where it is alone.
+        settled: this is the real outcome after an `unconfirmed`, and no last word.
+        age_ms: an upper bound of its age, in milliseconds; None where the fog's clock is not known. Too small by a
+            multiple of 655,360 where it first arrived that long after it was published, or later.
+        observed: false for a `completed` whose effect was not observed.
+        signer: the node that signed it: `drone2`, or `fog1` for an activator's own word; None without signatures.
+        fleet: the fleet's name, where the station is one of `Fleets`; else empty.
     """
 
     id: CommandId
@@ -52,17 +52,17 @@ class Outcome:
 
     @property
     def is_last(self) -> bool:
-        """Whether it is the drone's one last word; what settles an `unconfirmed` afterwards is none."""
+        """Whether it is the drone's one last word; a word that settles an `unconfirmed` afterwards is none."""
         return self.word.is_last and not self.settled
 
     @property
     def completed(self) -> bool:
-        """Whether the drone has done it; where `observed` is false nobody has seen the effect."""
+        """Whether the drone has done it; where `observed` is false, its effect was not observed."""
         return self.word is Word.COMPLETED
 
     @property
     def is_of_activator(self) -> bool:
-        """Whether an activator has signed it and not the drone, which may know otherwise; false without signatures."""
+        """Whether an activator has signed it, not the drone, whose own word may differ; false without signatures."""
         return self.signer is not None and self.signer != f"drone{self.drone}"
 
     def __str__(self) -> str:
@@ -81,9 +81,9 @@ class Outcome:
 
 
 class Outcomes(tuple[Outcome, ...]):
-    """What became of a broadcast: the last word of each drone, by its number.
+    """The result of a broadcast: the last word of each drone, by its number.
 
-    Where the fog refused it as a whole, or did not say which drones it concerns, there is one with `drone` None.
+    Where the fog denied the whole broadcast, or sent no roster, there is one outcome with `drone` None.
     """
 
     @classmethod
@@ -93,12 +93,12 @@ class Outcomes(tuple[Outcome, ...]):
 
     @property
     def completed(self) -> bool:
-        """Whether every drone has done it, and there was one."""
+        """Whether there was at least one drone, and all have done it."""
         return bool(self) and all(outcome.completed for outcome in self)
 
 
 def last_word(said: Sequence[object]) -> Outcome:
-    """The last word on a command to one drone, and on a choice where nobody was sent why."""
+    """The last word on a command to one drone; of a choice that sent none, the outcome that says why."""
     return [outcome for outcome in said if isinstance(outcome, Outcome) and outcome.is_last][-1]
 
 
@@ -106,8 +106,8 @@ def last_word(said: Sequence[object]) -> Outcome:
 class StateUpdate:
     """A `state` of a `drone` of a `fog` has arrived.
 
-    `stamp` tells it from others of the drone; `age_ms` is an upper bound of its age when it arrived. `fleet` is as in
-    `Outcome`.
+    `stamp` distinguishes it from the drone's other states; `age_ms` is an upper bound of its age when it arrived.
+    `fleet` is as in `Outcome`.
     """
 
     fog: int
@@ -130,10 +130,10 @@ class Reachability:
 
 @dataclass(frozen=True)
 class ControlChanged:
-    """Another station controls a `drone` of a `fog` now.
+    """The control of a `drone` of a `fog` has changed.
 
-    `holder` is its name, None when nobody does; `mine` whether it is this one; `epoch` rises with each takeover.
-    `fleet` is as in `Outcome`.
+    `holder` is the name of the station in control, None if there is none; `mine` whether it is this one; `epoch` rises
+    with each takeover. `fleet` is as in `Outcome`.
     """
 
     fog: int
@@ -146,9 +146,9 @@ class ControlChanged:
 
 @dataclass(frozen=True)
 class PsmiList:
-    """A `fog`'s PSMI list for the command `id`: `listed` by arrival, soonest first, and who is `left_out` and why.
+    """A `fog`'s PSMI list for the command `id`: the drones `listed`, soonest first, and those `left_out`, and why.
 
-    `chosen` is the drone that the command went to; of an offer, the one that is reserved. `fleet` is as in `Outcome`.
+    `chosen` is the drone that got the command or, in an offer, is reserved. `fleet` is as in `Outcome`.
     """
 
     fog: int
@@ -177,9 +177,10 @@ class QodsRanking:
 class SensorReading:
     """A `value` that a `sensor` measured and a `drone` carried to its `fog`.
 
-    Each (drone, sensor, boot, seq) comes once: `boot` is random at each start of the sensor, `seq` counts its readings.
-    `kind` is what was measured and `unit` in what, empty for a bare number. `time_ms` is when it was measured, in
-    milliseconds since 1970 UTC by the sensor's own clock. `fleet` is as in `Outcome`.
+    Each (drone, sensor, boot, seq) is reported once: `boot` is random at each start of the sensor, `seq` counts its
+    readings.
+    `kind` is the measured quantity and `unit` its unit, empty for a bare number. `time_ms` is the time of measurement,
+    in milliseconds since 1970 UTC by the sensor's own clock. `fleet` is as in `Outcome`.
     """
 
     fog: int
@@ -200,11 +201,10 @@ class SensorReading:
 
 @dataclass(frozen=True)
 class ListBehind:
-    """A `node` (`drone3`, `fog1`, or this station itself) goes on with an old revocation list.
+    """A `node` (`drone3`, `fog1`, or this station itself) has an old revocation list, in a fleet that signs.
 
-    It has said so for 30 s on its way through a `fog`, in a fleet that signs. `number` is that of the list that it has,
-    `newest` the highest that anybody has said. Somebody withholds the newer one, or the node cannot take it. `fleet` is
-    as in `Outcome`.
+    It has reported that list for 30 s, through a `fog`. `number` is its list's, `newest` the highest that any node has
+    reported. The newer list is withheld from the node, or the node cannot take it. `fleet` is as in `Outcome`.
     """
 
     fog: int

@@ -14,10 +14,10 @@ from .outcomes import Outcome
 
 @dataclass
 class Pending:
-    """A command of this station. `roster` are the drones that it concerns, None until that is known.
+    """A command of this station. `roster` has the drones that it concerns, None until they are known.
 
-    `signed_for` are those that it is signed for, `signers` who has signed each drone's newest word, and `denied_by` who
-    that no drone has it.
+    `signed_for` has the drones that it is signed for, `signers` the signer of each drone's newest word, and `denied_by`
+    the signer of the denial of the whole command.
 
     While it is `choosing`, PSMI may send it to another drone after a definite no.
     """
@@ -41,14 +41,14 @@ class Pending:
     denied_by: str | None = None
 
     def open_drones(self) -> list[int]:
-        """The drones that have no last word: of the roster, or of those that were heard."""
+        """The drones without a last word: of the roster or, while that is not known, of those that answered."""
         concerned = self.words if self.roster is None else self.roster
         return [n for n in concerned if n not in self.words or not self.words[n].is_last]
 
     def hear(self, outcome: Outcome, qos: int, now_ms: int) -> list[Log | Outcome]:
-        """A word once: one last word for each drone, and at most one truth after an unconfirmed.
+        """Take a word, each once: one last word per drone, and at most one that settles an `unconfirmed`.
 
-        `qos` is that of commands: what was answered at QoS 0 is asked for again.
+        `qos` is that of commands: at QoS 0 an open command is repeated after a word, too (R10.1).
         """
         assert outcome.drone is not None
         drone, own = outcome.drone, f"drone{outcome.drone}"
@@ -76,7 +76,7 @@ class Pending:
         return self._contradiction(outcome, before, own)
 
     def _is_known(self, outcome: Outcome, drone: int, before: Word | None) -> bool:
-        """Whether a first word says nothing new: a progress that is no further, or behind `accepted`, came late."""
+        """Whether a word is no news: a repetition, a progress that is no further, or a late one after `accepted`."""
         if outcome.word is not Word.IN_PROGRESS or before is None:
             return outcome.word is before
         if before is Word.ACCEPTED or outcome.percent is None:
@@ -84,7 +84,7 @@ class Pending:
         return outcome.percent <= self.furthest.get(drone, -1)
 
     def _contradiction(self, outcome: Outcome, before: Word, own: str) -> list[Log | Outcome]:
-        """A drone has signed another word than its activator sent in its place: a log line, and an outcome."""
+        """A drone's signed word that contradicts its activator's: a log line and, for a last word, an outcome."""
         assert outcome.drone is not None
         signer = self.signers.get(outcome.drone)
         if signer in (None, own) or outcome.signer != own:

@@ -10,12 +10,12 @@ from ..protocol.plans import PlanItem, PlanObject
 from .plan_reading import EXCLUSION_CIRCLE, FENCE_RETURN, INCLUSION_CIRCLE, INCLUSION_VERTEX, MISSION_FRAME, RELATIVE
 
 _PX4, _MULTICOPTER = 12, 2
-"""MAV_AUTOPILOT and MAV_TYPE that QGroundControl plans with where no vehicle is connected."""
+"""The MAV_AUTOPILOT and MAV_TYPE for which QGroundControl plans while no vehicle is connected."""
 
 
 def document_of(content: PlanObject, home: tuple[float, float, float] | None) -> dict[str, Any]:
-    """The file's object; a list that is not known is written as an empty one. Raises PayloadError for what no file
-    can say."""
+    """The JSON object of a plan file; an unknown list is written as an empty one. Raises PayloadError for items that
+    the format cannot express."""
     items = content.mission or ()
     return {
         "fileType": "Plan",
@@ -40,7 +40,7 @@ def document_of(content: PlanObject, home: tuple[float, float, float] | None) ->
 
 
 def _first_place(items: Iterable[PlanItem]) -> tuple[float, float, float]:
-    """Where the mission begins, on the ground of nobody knows what height."""
+    """The position of the mission's first placed item, with altitude 0: the ground's is not known."""
     placed = (item for item in items if item.frame != MISSION_FRAME)
     first = next(placed, None)
     return (0.0, 0.0, 0.0) if first is None else (first.x / 1e7, first.y / 1e7, 0.0)
@@ -63,14 +63,14 @@ def _degrees(item: PlanItem) -> list[float]:
 
 
 def _point(number: int, item: PlanItem) -> list[float | None]:
-    """A rally point; a file has its height above home, and would make that of any other."""
+    """A rally point. The format has heights above home only; raises PayloadError for another frame."""
     if item.frame != RELATIVE:
         raise PayloadError(f"rallyPoints point {number}: expected a height above home, got MAV_FRAME {item.frame}")
     return [*_degrees(item), item.z]
 
 
 def _fence(items: tuple[PlanItem, ...]) -> dict[str, Any]:
-    """Corners follow each other, as many as each of them says."""
+    """The geofence. A polygon's corners are consecutive items, and each gives their count."""
     polygons, circles, back = [], [], None
     left = list(items)
     while left:

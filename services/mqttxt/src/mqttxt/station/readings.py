@@ -1,4 +1,4 @@
-"""Readings at the ground station: each one once, whatever was sent again on its way."""
+"""Readings at the ground station: each is reported once, however often it was sent."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from .outcomes import SensorReading
 
 MOST_SENSORS = 10_000
 MOST_RANGES = 1000
-"""Gaps that are remembered of a sensor's numbers, far above what can be under way at once (a drone's window)."""
+"""Gaps remembered in the numbers of a sensor's boot: far more than a drone's window can leave under way."""
 
 
 class SeenNumbers:
-    """The numbers of one sensor's boot that have come, as ranges: few, because they mostly come in order."""
+    """The received numbers of one sensor's boot, as ranges: few, because numbers mostly arrive in order."""
 
     def __init__(self) -> None:
         self._ranges: list[list[int]] = []
 
     def add(self, seq: int) -> bool:
-        """Note a number; whether it is new."""
+        """Note a number; returns whether it is new."""
         ranges = self._ranges
         at = bisect_right(ranges, seq, key=lambda pair: pair[0])
         before = ranges[at - 1] if at > 0 else None
@@ -49,10 +49,10 @@ class SeenNumbers:
 
 
 class Readings:
-    """What has come of all sensors, and the newest of each kind.
+    """The readings received from all sensors, and the newest of each kind.
 
-    A drone is unique in a fleet, so that a reading keeps its key when its drone changes the fog. Where sensors sign, a
-    sensor is unique too (`by_sensor`), and a reading that somebody shows as another drone's is the same.
+    A drone's number is unique in a fleet, so a reading keeps its key when its drone changes the fog. Where sensors
+    sign, a sensor's is unique too (`by_sensor`), and a reading that is replayed as another drone's is still the same.
     """
 
     def __init__(self, by_sensor: bool = False) -> None:
@@ -62,7 +62,7 @@ class Readings:
         self._seen: OrderedDict[tuple[int, int, int], SeenNumbers] = OrderedDict()
 
     def on_reading(self, fog: int, drone: int, reading: Reading) -> list[SensorReading]:
-        """The reading, unless it has come before."""
+        """The reading as an event, unless it was received before."""
         message = reading.message
         source = (0 if self._by_sensor else drone, reading.sensor, message.boot)
         seen = self._seen.setdefault(source, SeenNumbers())

@@ -1,4 +1,4 @@
-"""A ground station's commands as it signs them: for each drone its own, due in that drone's clock (protocol, 12)."""
+"""The signatures of a station's commands: one for each drone, with a deadline in that drone's clock (protocol, 12)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class CommandSigner:
             )
 
     def check(self, fog: FogView, drone: int, command: Command) -> None:
-        """Raises where a command cannot be signed: for want of a right, or of the drone's clock."""
+        """Raises ConfigurationError for a missing right, FogUnreachable while the drone's clock is not known."""
         self.check_right(drone, command)
         view = fog.drones.get(drone)
         if view is None or view.signing_clock is None:
@@ -48,7 +48,7 @@ class CommandSigner:
         now_ms: int,
         reservation: int | None = None,
     ) -> Addressed:
-        """A command signed for a drone, or with None for each whose clock is known; raises FogUnreachable for none."""
+        """Sign a command for a drone, or with None for each whose clock is known; raises FogUnreachable for none."""
         views = fog.drones.values() if drone is None else [fog.drones[drone]]
         rights = self._seal.certificate.rights
         entries = {
@@ -63,7 +63,7 @@ class CommandSigner:
         return Addressed(message.executor_session, message.deadline_ms or 0, entries, reservation)
 
     def sign_again(self, topic: str, payload: bytes) -> bytes:
-        """What was signed by an older key: a command, an offer or a release."""
+        """Sign anew, with the newest key, a command, an offer or a release that an older key signed."""
         try:
             addressed = Addressed.parse(payload)
         except PayloadError:  # an offer or a release, which no drone gets
@@ -76,7 +76,7 @@ class CommandSigner:
         return replace(addressed, entries=entries).encode()
 
     def _for_drone(self, view: DroneView, message: CommandMessage, ttl_ms: int, now_ms: int) -> Envelope | None:
-        """A command as one drone is to have it: in its session, due in its clock."""
+        """A command signed for one drone, with its session and a deadline in its clock; None without that clock."""
         clock = view.signing_clock
         deadline_ms = clock.deadline_ms(now_ms, ttl_ms) if clock is not None else None
         if clock is None or deadline_ms is None:

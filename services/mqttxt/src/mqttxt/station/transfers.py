@@ -1,7 +1,7 @@
-"""Objects in pieces at the station: staged at a drone, or fetched from it (docs/protocol.md, section 16).
+"""Objects that travel in pieces, at the station: staged at a drone, or fetched from it (protocol, section 16).
 
-Nothing here has a deadline. What a broken connection lost is sent again once the drone is there, and what arrived is
-not: the drone's answers say what that is.
+Nothing here has a deadline. After a broken connection only the lost pieces are sent again, once the drone is reachable:
+its answers say which have arrived.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from ..protocol.topics import FogSide
 from .fog import LINK, FogView
 
 UNKNOWN_MS = 2 * RESEND_FIRST_MS
-"""How long the first answer is waited for, before a round trip is known."""
+"""How long to wait for an answer before a round trip is known."""
 ATTEMPTS = 3
-"""How often an object is begun anew that arrived as another one."""
+"""How often a transfer is attempted at most, if its object arrives with a wrong hash or is no longer known."""
 
 
 @dataclass
 class Flight:
-    """What was sent and not answered: when each piece left, by its offset, in the order of their leaving.
+    """The unanswered pieces: when each was sent, by its offset, in the order of sending.
 
-    A piece that was sent twice says nothing of the round trip: its answer may be to either.
+    A piece that was sent twice shows no round trip: its answer may belong to either.
     """
 
     pieces: dict[int, int] = field(default_factory=dict)
@@ -57,7 +57,7 @@ class Flight:
         return len(self.pieces) < WINDOW_BYTES // PIECE_BYTES
 
     def answered(self, offset: int, now_ms: int) -> None:
-        """A piece has arrived; those that left before it, and have not, are lost."""
+        """A piece was answered; the unanswered ones that were sent before it count as lost."""
         if offset not in self.pieces:
             return
         if offset not in self._given_up:
@@ -67,7 +67,7 @@ class Flight:
         del self.pieces[offset]
 
     def give_up(self, now_ms: int) -> None:
-        """What nobody has answered for too long is lost, and the next is waited for longer."""
+        """Where a piece is unanswered for too long, count all as lost, and wait longer for the next answers."""
         if any(now_ms - sent_ms >= self.pause_ms for sent_ms in self.pieces.values()):
             for offset in list(self.pieces):
                 self._lose(offset)
@@ -79,9 +79,9 @@ class Flight:
 
 
 class Transfer(ABC):
-    """One object on its way to or from one drone. `error` is why it ended, where that is no proper end.
+    """The transfer of one object to or from one drone. `error` is why it failed.
 
-    `nonce` is in all that is asked for it, and in the answers: what the drone has answered before is none (R12.22).
+    All its requests carry `nonce`, and so do their answers: an answer from before is not taken for one (R12.22).
     """
 
     def __init__(self, fog: FogView, drone: int, kind: str) -> None:
@@ -96,14 +96,14 @@ class Transfer(ABC):
 
     @property
     def has_news(self) -> bool:
-        """Whether there is something to tell whoever waits for it: that it is over, or how far it is."""
+        """Whether there is news for the caller that waits: that the transfer is over, or its progress."""
         return self.is_over
 
     def end(self, error: str | None = None) -> None:
         self.is_over, self.error = True, error
 
     def due(self, now_ms: int) -> list[Put | Get]:
-        """What is to be sent now."""
+        """The requests to send now."""
         self._flight.give_up(now_ms)
         return [] if self.is_over else self._next(now_ms)
 
@@ -116,9 +116,9 @@ class Transfer(ABC):
 
 
 class Staging(Transfer):
-    """An object for a drone to keep, until the drone has all of it.
+    """Sends an object to a drone until the drone has all of it.
 
-    `told` is how many of its bytes whoever waits for it knows to be there: they set it, or there is always news.
+    `told` is the `done` that the caller has seen. The caller sets it; where none does, there is always news.
     """
 
     def __init__(self, fog: FogView, drone: int, kind: str, data: bytes) -> None:
@@ -153,7 +153,7 @@ class Staging(Transfer):
             self.end()
 
     def _refused(self, reason: str) -> None:
-        """An object that was put together wrong is begun anew."""
+        """Begin anew where the drone put the object together wrong; any other refusal ends the transfer."""
         self._attempts += 1
         if reason not in ("wrong_hash", "inconsistent") or self._attempts >= ATTEMPTS:
             self.end(reason)
@@ -170,9 +170,9 @@ class Staging(Transfer):
 
 
 class Fetching(Transfer):
-    """The newest object of a kind that a drone has. `data` is it, once it is over without an error.
+    """Fetches a drone's newest object of a kind. `data` has it once the transfer is over without an error.
 
-    `known` names what the station has of it already; `data` is then what has changed since, and empty where nothing is.
+    `known` is the hash of the object that the station has; `data` is then the change since, empty where there is none.
     """
 
     def __init__(self, fog: FogView, drone: int, kind: str, known: bytes | None = None) -> None:
@@ -215,7 +215,7 @@ class Fetching(Transfer):
     def _refused(self, answer: Refused) -> None:
         if answer.hash is None:
             self.end(answer.reason)
-        elif answer.hash == self._hash:  # the drone has another one by now, or was started anew
+        elif answer.hash == self._hash:  # the drone has another one by now, or was restarted
             self._begin_anew(answer.reason)
 
     def _begin_anew(self, reason: str) -> None:
@@ -247,12 +247,12 @@ class Transfers:
         self._queue: list[Transfer] = []
 
     def begin(self, transfer: Transfer, now_ms: int) -> list[Effect]:
-        """Send what may be sent now."""
+        """Queue a transfer; returns the requests that may be sent now."""
         self._queue.append(transfer)
         return self.tick(now_ms)
 
     def on_answer(self, fog: FogView, drone: int, message: BulkAnswer, now_ms: int) -> list[Effect]:
-        """What a drone answers; of another session it is another station's."""
+        """Take a drone's answer; one with another session is another station's."""
         if message.gs_session != self._session:
             return []
         transfer = next((one for one in self._queue if (one.fog.number, one.drone) == (fog.number, drone)), None)
@@ -264,7 +264,7 @@ class Transfers:
         return out + self.tick(now_ms)
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """What is due to each drone that is there; transfers that are over make room for the next."""
+        """The requests that are due to each reachable drone; a transfer that is over makes room for the next."""
         self._queue = [transfer for transfer in self._queue if not transfer.is_over]
         out: list[Effect] = []
         busy: set[tuple[int, int]] = set()
@@ -277,7 +277,7 @@ class Transfers:
         return out
 
     def _publish(self, transfer: Transfer, ask: Put | Get) -> Publish:
-        """Signed, where messages are, as the drone is to have it."""
+        """Publish a request, signed for the drone where messages are signed."""
         message = BulkAsk(gs_session=self._session, kind=transfer.kind, nonce=transfer.nonce, ask=ask)
         payload = encode(message, self._channel.settings.encoding)
         if self._channel.seal is not None:
@@ -286,7 +286,7 @@ class Transfers:
 
 
 def _pieces(ranges: list[Range]) -> list[tuple[int, int]]:
-    """The pieces of ranges that are missing: where each begins and how long it is, on one grid."""
+    """Split missing ranges into pieces, each with its start and its length, on one grid."""
     out = []
     for missing in ranges:
         start = missing.start

@@ -1,9 +1,9 @@
 """The link emulator on NFQUEUE: shapes every directed link where the kernel has no netem, with the same statistics.
 
-plan and network say what is to be done, link (with jitter and turns) does it to a frame, all without I/O; nfqueue,
-rules and injector reach the kernel; shaper is the loop between the two, process the whole.
+plan and network have the links' settings, link (with jitter and turns) applies them to a frame, all without I/O;
+nfqueue, rules and injector are the interface to the kernel; shaper is the loop between the two, process the whole.
 
-What it does not do as netem does: a turned bit is never in the Ethernet header, which NFQUEUE does not show; ARP is not
-shaped, only IPv4 that is forwarded is; jitter belongs to the time and not to the packet (see jitter), and what is lost
-is drawn from the plan's seed, packet by packet.
+Differences from netem: a flipped bit is never in the Ethernet header, which NFQUEUE does not show; only forwarded IPv4
+is shaped, not ARP; jitter is a function of time, not of the packet (see jitter); losses are drawn from the plan's seed,
+packet by packet.
 """

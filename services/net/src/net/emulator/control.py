@@ -1,7 +1,7 @@
-"""The channel between `net route` and its emulator: a pair of sockets, a message of JSON each.
+"""The channel between `net route` and its emulator: a pair of sockets; each message is JSON.
 
 Orders: `{"start_ns": …}` (unix time), `{"link", "change": {…} or null}` (by hand), `{"link", "shut": true or false}`.
-Each is answered, once it is in force, by `{"done": unix ns, "events": […]}`. Without being asked the emulator says
+Each is answered, once it has taken effect, by `{"done": unix ns, "events": […]}`. Unasked the emulator sends
 `{"ready": {…}}` when every link is shaped, and `{"events": […]}` when the profile has changed a link.
 """
 
@@ -18,7 +18,7 @@ MOST_BYTES = 1 << 17
 
 
 class Channel:
-    """One end. Neither end waits in `receive`, unless it set a timeout on the socket."""
+    """One end of the channel. `receive` does not wait, unless a timeout is set on the socket."""
 
     def __init__(self, end: socket.socket) -> None:
         self.socket = end
@@ -26,24 +26,24 @@ class Channel:
 
     @classmethod
     def pair(cls) -> tuple[Channel, Channel]:
-        """Two ends that are joined."""
+        """Two connected ends."""
         one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         return cls(one), cls(other)
 
     @classmethod
     def of_descriptor(cls, descriptor: int) -> Channel:
-        """The end that a process was started with."""
+        """The end whose descriptor a process was started with."""
         return cls(socket.socket(fileno=descriptor))
 
     def send(self, content: Mapping[str, Any]) -> None:
-        """Raises NetError where the other end is gone or reads nothing any more."""
+        """Send a message. Raises NetError if the other end is gone or no longer reads."""
         try:
             self.socket.send(json.dumps(content).encode())
         except OSError as error:
             raise NetError(f"net route and its emulator: {error.strerror}; expected both to run") from error
 
     def receive(self) -> dict[str, Any] | None:
-        """The next message; empty where the other end is gone, None while there is nothing."""
+        """The next message; empty if the other end is gone, None if there is no message."""
         try:
             data = self.socket.recv(MOST_BYTES)
         except (BlockingIOError, TimeoutError):

@@ -1,4 +1,4 @@
-"""The counters file: per link what came, what left and what was dropped for which cause; and whether the run stands."""
+"""The counters file: packets per link that entered, left, and were dropped by cause; and whether the run is void."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .timing import Lateness
 
 VERSION = 1
 LATE_LIMIT_MS = 10.0
-"""Later than this at p99, and the links were not those of the plan: three times what is asked of a quiet machine."""
+"""The limit of lateness at p99, beyond which links are not as planned: three times that for a quiet machine."""
 
 
 def by_link(links: Sequence[Link], drops: Mapping[int, int]) -> dict[str, dict[str, int]]:
-    """What each link counted so far; `drops` are the kernel's, by queue, which is the link's place."""
+    """The counts of each link so far; `drops` are the kernel's by queue number, the link's index."""
     for queue, link in enumerate(links):
         link.counters.overload = drops.get(queue, 0)
     return {link.name: asdict(link.counters) for link in links}
@@ -33,7 +33,7 @@ def report(
     held: int,
     at_start: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The file's content: totals, and what they were when the links' clock began.
+    """The file's content: totals, and their values when the links' clock began.
 
     `void` is None, or why the run does not count.
     """
@@ -63,7 +63,7 @@ def report(
 
 
 class Writer:
-    """Writes the file, whole or not at all, on a thread of its own: a slow disk must not hold up packets."""
+    """Writes the file, completely or not at all, on its own thread: a slow disk must not delay packets."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -71,10 +71,10 @@ class Writer:
         self._last: Future[None] | None = None
 
     def write(self, content: Mapping[str, Any]) -> None:
-        """Begin to write, unless the disk is still busy with what came before; raises OSError where that failed."""
+        """Begin to write, unless the last write is still in progress. Raises OSError if that one failed."""
         if self._last is None or self._last.done():
             self._settle()
-            text = json.dumps(content) + "\n"  # indented it would take ten times as long, in the packets' time
+            text = json.dumps(content) + "\n"  # indented it would take ten times as long, while packets wait
             self._last = self._threads.submit(self._replace, text)
 
     def finish(self, content: Mapping[str, Any]) -> None:

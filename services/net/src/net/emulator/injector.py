@@ -1,7 +1,7 @@
-"""Sends a duplicated packet's copy: a verdict lets one packet go, not two.
+"""Sends a duplicated packet's copy, since a verdict releases only one packet.
 
-A raw socket bound to the link's interface, towards the node at its other end whatever the packet's destination is; so
-the copy passes no routing and no rule for forwarded packets, and its IP header goes out as it came.
+It uses a raw socket bound to the link's interface, addressed to the node at its other end whatever the packet's
+destination is. So the copy bypasses routing and the rules for forwarded packets, and its IP header is unchanged.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ SO_BINDTODEVICE = 25
 
 
 class Injector:
-    """Raises NetError where the socket cannot be had."""
+    """A raw socket on an interface. Raises NetError if it cannot be opened."""
 
     def __init__(self, interface: str, neighbour: str) -> None:
         self._to = (neighbour, 0)
@@ -28,9 +28,9 @@ class Injector:
             ) from error
 
     def send(self, packet: bytes) -> bool:
-        """A whole IPv4 packet; False where the kernel does not take it. Raises NetError where it takes none.
+        """Send a whole IPv4 packet; returns False if the kernel refuses it. Raises NetError if it refuses any packet.
 
-        It refuses a header that a turned bit made senseless, and what waits for an address that nobody has.
+        It refuses a header that a flipped bit made invalid, and packets that wait for an address that no node has.
         """
         try:
             self._socket.sendto(packet, socket.MSG_DONTWAIT, self._to)

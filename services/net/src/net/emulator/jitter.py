@@ -1,16 +1,16 @@
-"""Jitter as a function of (seed, time): whoever sends more meets the same link as whoever sends less.
+"""Jitter as a function of (seed, time): the link is the same for senders of much and of little traffic.
 
-netem draws a delay for every packet. Where order is kept, a packet then waits for the slowest before it, so a busy
-flow sees more delay than a quiet one on the same link. Here the delay is a random process over time, with netem's
+netem draws a delay for every packet. If order is kept, a packet then waits for the slowest one before it, so a busy
+flow has more delay than a quiet one on the same link. Here the delay is a random process over time, with netem's
 distribution at every instant:
 
-- order kept: two independent normal values, one at each end of a slot of some times the jitter, turned into each
-  other along a quarter of a circle, so that the value in between is exactly standard normal too. It then falls
-  slower than time passes (but in the steepest tail, 0.3 % of the time), so no packet has to wait for the one before.
-- reordering: a value of its own for every `FAST_SLOT_NS`, which is a packet's own on all but the fastest links.
+- order kept: two independent normal values, one at each end of a slot of several jitters, are blended along a quarter
+  circle, so that the value in between is exactly standard normal too. It then falls slower than time passes (except
+  in the steepest tail, 0.3 % of the time), so no packet has to wait for the one before.
+- reordering: a separate value for every `FAST_SLOT_NS`, that is for every packet on all but the fastest links.
 
 The distributions are those of iproute2's tables (netem/normal.c, netem/pareto.c) and of netem's uniform (plus or minus
-the jitter): cut at four times the jitter.
+the jitter), cut off at four times the jitter.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..link_plan import SLOT_JITTERS
 TABLE_SIZE = 1 << 14
 _MASK = TABLE_SIZE - 1
 CUT = 4.0
-"""netem's tables hold 16 bits, 8192 to the unit."""
+"""netem's tables have 16-bit values, 8192 per unit, and so end at 4."""
 FAST_SLOT_NS = 50_000
 PARETO_SHAPE = 3.0
 
@@ -54,7 +54,7 @@ def make_jitter(distribution: str, jitter_ns: int, reordering: bool, seed: int, 
 
 
 def generator(seed: int, name: str, purpose: str) -> random.Random:
-    """A generator of its own for each purpose of each link."""
+    """A separate generator for each purpose of each link."""
     digest = hashlib.sha256(f"{seed}/{name}/{purpose}".encode()).digest()
     return random.Random(int.from_bytes(digest[:16], "big"))
 
@@ -98,7 +98,7 @@ def _smooth(distribution: str, jitter_ns: int, seed: int, name: str) -> Jitter:
 
 @cache
 def _shuffled(distribution: str, seed: int, name: str) -> tuple[float, ...]:
-    """Every quantile once, in an order of the seed's. Made once: an event that changes the jitter must take no time."""
+    """Every quantile once, shuffled by the seed. It is cached, as an event that changes the jitter must take no time."""
     values = list(_quantiles(distribution))
     generator(seed, name, "jitter").shuffle(values)
     return tuple(values)
@@ -110,5 +110,5 @@ def _quantiles(distribution: str) -> tuple[float, ...]:
 
 
 def _place(slot: int) -> int:
-    """Where in the table a slot's value is; a whole turn through the table takes another way than the one before."""
+    """The index of a slot's value in the table; each pass through the table has another order than the one before."""
     return (slot ^ (slot >> 14) * 0x9E5) & _MASK

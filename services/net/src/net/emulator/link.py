@@ -1,12 +1,12 @@
-"""One directed link: when a frame that comes now leaves, and what becomes of it. No I/O; times are passed in.
+"""One directed link: when an arriving frame leaves, and its fate. No I/O; times are passed in.
 
-Two stages, as with the kernel's: first the rate with a queue of its own, then delay, jitter, loss, duplication,
-corruption and reordering. What waits for its delay does not fill the queue.
+Two stages, as in the kernel: first the rate with its own queue, then delay, jitter, loss, duplication, corruption and
+reordering. Frames that wait for their delay do not fill the queue.
 
-A frame leaves the rate stage when its last bit is sent: `size * 8 / rate` after it or the one before. Loss,
-duplication, corruption and reordering are drawn for each frame, with netem's meaning (sch_netem.c): a copy has a delay
-and chances of its own, a frame that is lost and duplicated at once goes on once, a frame chosen by `reorder`
-skips its delay.
+A frame leaves the rate stage when its last bit is sent: `size * 8 / rate` after its arrival or after the frame before.
+Loss, duplication, corruption and reordering are drawn for each frame, with netem's meaning (sch_netem.c): a copy has
+its own delay and draws, a frame that is both lost and duplicated passes once, a frame chosen by `reorder` skips its
+delay.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .plan import Settings
 from .turns import Turns
 
 DROP, PASS, CORRUPT, DUPLICATE, WAIT = 0, 1, 2, 4, -1
-"""A frame's fate: DROP, PASS with CORRUPT and DUPLICATE added, or WAIT for its turn where two links share a rate."""
+"""A frame's fate: DROP, PASS with CORRUPT and DUPLICATE added, or WAIT for its turn if two links share a rate."""
 _NS = 1_000_000_000
 
 
 @dataclass(slots=True)
 class Counters:
-    """What a link did, in frames (and bytes of Ethernet frames without FCS).
+    """A link's counts, in frames (and bytes of Ethernet frames without FCS).
 
-    entered + duplicated = left + queue + random + closed + refused + what is in flight. `refused` are copies that the
-    kernel did not take (a turned bit can make a header senseless). `overload` is what the kernel dropped because the
-    emulator did not keep up: it is not in `entered`.
+    entered + duplicated = left + queue + random + closed + refused + frames in flight. `refused` counts copies that the
+    kernel did not accept (a flipped bit can make a header invalid). `overload` counts packets that the kernel dropped
+    because the emulator did not keep up: they are not in `entered`.
     """
 
     entered: int = 0
@@ -46,7 +46,7 @@ class Counters:
 
 
 class Link:
-    """`arrive` for each frame in the order in which they come."""
+    """A link's state; call `arrive` for each frame, in the order of arrival."""
 
     def __init__(self, name: str, settings: Settings, seed: int, turns: Turns | None = None) -> None:
         self.name = name
@@ -58,7 +58,7 @@ class Link:
         self._leaving: deque[int] = deque()
         """When each frame in the rate stage leaves it."""
         self.sent_ns = 0
-        """When the frame that was last in the rate stage left it, or will."""
+        """When the last frame in the rate stage left it, or will leave it."""
         self._last_ns = 0
         self._zero_ns = 0
         self._draw = generator(seed, name, "frames").random
@@ -66,7 +66,7 @@ class Link:
         self.change(settings)
 
     def change(self, settings: Settings) -> None:
-        """Frames that came before keep their times."""
+        """Change the settings; frames that arrived before keep their times."""
         self.settings = settings
         self._closed = settings.closed
         self._rate_bps = settings.rate_bps
@@ -81,15 +81,15 @@ class Link:
         )
 
     def start(self, at_ns: int) -> None:
-        """From here on jitter is what it is that long after a start, and frames are drawn for anew."""
+        """Start the link's clock: jitter counts time from here, and the draws for frames begin anew."""
         self._zero_ns = at_ns
         self._draw = generator(self._seed, self.name, "frames since the start").random
 
     def arrive(self, now_ns: int, size: int) -> tuple[int, int]:
         """When a frame of `size` bytes leaves, and its fate.
 
-        A frame to be dropped has the time of the last before it: the kernel finds packets fastest in the order in
-        which they came. Where two links share a rate the fate is WAIT, until `Turns.advance` says another.
+        A frame to be dropped has the time of the last one before it: the kernel finds packets fastest in the order of
+        arrival. If two links share a rate, the fate is WAIT until `Turns.advance` returns another.
         """
         counters = self.counters
         counters.entered += 1
@@ -113,17 +113,17 @@ class Link:
         return self.finish(sent_ns)
 
     def begin(self, start_ns: int, size: int) -> int:
-        """It is this link's turn to send; when the last bit is sent."""
+        """Begin to send a frame at this link's turn; returns when its last bit is sent."""
         self._free_ns = start_ns + (size * 8 * _NS // self._rate_bps if self._rate_bps is not None else 0)
         return self._free_ns
 
     def finish(self, sent_ns: int) -> tuple[int, int]:
-        """When a frame leaves whose last bit is sent at `sent_ns`, and its fate."""
+        """When a frame whose last bit is sent at `sent_ns` leaves, and its fate."""
         self.sent_ns = sent_ns
         return self._second_stage(sent_ns) if self._draws else (self._due_ns(sent_ns), PASS)
 
     def copy(self) -> tuple[int, int]:
-        """When the copy of the frame that finished last leaves, and its fate; it is not duplicated again."""
+        """When the copy of the frame finished last leaves, and its fate; a copy is not duplicated again."""
         counters, sent_ns = self.counters, self.sent_ns
         if self._draw() < self._loss:
             counters.random += 1

@@ -1,7 +1,7 @@
-"""All links of a plan together, with the rates that some share, and what changes them. No I/O.
+"""All links of a plan, with the rates that some share, and their changes. No I/O.
 
-Three things change a link: the plan's events, from the start on; a change by hand, which stands over the plan's steady
-figures and hides its events for as long as it is held; and being shut, which lets nothing through whatever else is.
+Three things change a link: the plan's events, from the start on; a change by hand, which overrides the plan's steady
+figures and hides its events while it is held; and being shut, which lets nothing through in any case.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Step:
-    """From `at_ns` after the start on, a link has these settings; `change` is what of them is the events'."""
+    """A link's settings from `at_ns` after the start on; `change` has those that events set."""
 
     at_ns: int
     link: str
@@ -32,7 +32,7 @@ class Step:
 
 
 class Network:
-    """The links by name; `change_until` carries out the events once `start` was called. Times are ns of one clock."""
+    """The links by name; after `start`, `change_until` carries out the events. Times are ns of one clock."""
 
     def __init__(self, plan: ShapedPlan) -> None:
         self.seed = plan.seed
@@ -53,7 +53,7 @@ class Network:
             make_jitter(step.settings.distribution, jitter_us * 1000, reordering, plan.seed, step.link)
 
     def start(self, at_ns: int) -> None:
-        """Events, jitter and draws run from here on, the same after every start."""
+        """Start events, jitter and draws, which are the same after every start."""
         self._start_ns = at_ns
         for link in self.links.values():
             link.start(at_ns)
@@ -65,7 +65,7 @@ class Network:
         return self._start_ns + self._steps[-1].at_ns
 
     def change_until(self, now_ns: int) -> list[Step]:
-        """Carry out what is due; the steps that took effect."""
+        """Carry out the events that are due; returns the steps that took effect."""
         found = []
         while (due_ns := self.next_change_ns) is not None and due_ns <= now_ns:
             step = self._steps.pop()
@@ -76,18 +76,18 @@ class Network:
         return found
 
     def hold(self, name: str, change: Mapping[str, Any]) -> None:
-        """A change by hand, in place of the one before; its fields are checked."""
+        """Apply a change by hand, with checked fields, in place of the previous one."""
         self._held[name] = change
         self._apply(name)
 
     def let_go(self, name: str) -> Step:
-        """Back as planned; the step that is in force."""
+        """Put a link back as planned; returns the step that is in force."""
         self._held.pop(name, None)
         self._apply(name)
         return self._planned[name]
 
     def shut(self, name: str, shut: bool) -> None:
-        """Let nothing through, or again what the link's other figures let through."""
+        """Let nothing through, or go back to the link's other settings."""
         (self._shut.add if shut else self._shut.discard)(name)
         self._apply(name)
 
@@ -98,7 +98,7 @@ class Network:
 
 
 def steps(plan: ShapedPlan) -> Iterator[Step]:
-    """What the events do, in the order of time: where they overlap, the one that began last decides each field."""
+    """The steps that the events make, sorted by time; where events overlap, the one that began last sets each field."""
     found: list[Step] = []
     for name, link in plan.links.items():
         own = [event for event in plan.events if event.link == name]

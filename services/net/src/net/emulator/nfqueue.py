@@ -1,8 +1,8 @@
 """NFQUEUE by netlink (linux/netfilter/nfnetlink_queue.h): the packets of many queues over one socket.
 
-A queue stands for a link, so a packet's queue number is its link and nothing has to be looked up; and the kernel,
-which looks for a packet from the oldest of its queue on, finds those of a link that keeps order at once. Of a packet
-only the first four bytes are copied, which hold its length, but for queues that need all of it.
+Each link has its own queue, so the queue number of a packet identifies its link without a lookup. The kernel searches
+for a packet from the oldest of its queue on, and so finds those of a link that keeps order at once. Only the first four
+bytes of a packet are copied, which have its length, except for queues that need all of it.
 """
 
 from __future__ import annotations
@@ -30,50 +30,50 @@ HEAD_BYTES = 4
 """Version, type of service and total length of an IPv4 header."""
 ALL_BYTES = 0xFFFF
 QUEUE_PACKETS = 100_000
-"""What the kernel holds for a link, in flight and waiting, before it drops, and counts that."""
+"""The most packets that the kernel holds for a link, in flight and waiting; it drops and counts those beyond."""
 RECEIVE_BYTES = 64 << 20
 SO_RCVBUFFORCE = 33
 SO_TIMESTAMP = 29
 _ID = struct.Struct(">I")
 ATTRIBUTES_AT = 20
 ID_AT, ID_BYTES = ATTRIBUTES_AT + 4, 4
-"""A packet's id comes first of its attributes, the copied bytes last."""
+"""A packet's id is the first of its attributes, the copied bytes are the last."""
 SHORT_PAYLOAD = struct.pack("=HH", 4 + HEAD_BYTES, ATTRIBUTE_PAYLOAD)
-"""What comes before the copied bytes where only HEAD_BYTES are."""
+"""The header of the copied bytes if only HEAD_BYTES are copied."""
 STAMP = struct.Struct(">QQ")
 STAMP_AT = 68
 STAMP_HEAD = struct.pack("=HH", 4 + STAMP.size, ATTRIBUTE_STAMP)
-"""A forwarded packet's time stamp is at STAMP_AT where STAMP_HEAD comes before it (nobody marked the packet)."""
+"""A forwarded packet's time stamp is at STAMP_AT if STAMP_HEAD precedes it, which is so for packets without a mark."""
 PACKET_KIND = struct.pack("=H", PACKET)
 COUNTS_FILE = Path("/proc/net/netfilter/nfnetlink_queue")
 
 
 def attribute(kind: int, payload: bytes) -> bytes:
-    """A netlink attribute, padded."""
+    """Encode a netlink attribute, padded."""
     return struct.pack("=HH", 4 + len(payload), kind) + payload + bytes(-len(payload) % 4)
 
 
 def message(kind: int, flags: int, queue: int, payload: bytes) -> bytes:
-    """A netfilter message about a queue."""
+    """Encode a netfilter message about a queue."""
     header = struct.pack("=IHHII", 20 + len(payload), kind, flags, 0, 0)
     return header + struct.pack(">BBH", 0, 0, queue) + payload
 
 
 def verdict_prefix(queue: int, accept: bool) -> bytes:
-    """What becomes of a packet, but for its id, which is to be appended; many verdicts may be sent together."""
+    """A verdict on a packet without its id, which must be appended; many verdicts may be sent together."""
     head = struct.pack("=HH", 12, VERDICT_HEADER) + _ID.pack(NF_ACCEPT if accept else NF_DROP)
     whole = message(VERDICT, REQUEST, queue, head + bytes(ID_BYTES))
     return whole[:-ID_BYTES]
 
 
 def verdict_with(queue: int, packet: bytes, payload: bytes) -> bytes:
-    """Accept the packet of that id with other content of the same length."""
+    """A verdict that accepts the packet with the id `packet`, with other content of the same length."""
     head = attribute(VERDICT_HEADER, _ID.pack(NF_ACCEPT) + packet)
     return message(VERDICT, REQUEST, queue, head + attribute(VERDICT_PAYLOAD, payload))
 
 
 def value_of(data: bytes, kind: int) -> bytes:
-    """The value of an attribute of a message of kind PACKET; empty where there is none."""
+    """The value of an attribute in a message of kind PACKET; empty without one."""
     at, end = ATTRIBUTES_AT, len(data)
     while at + 4 <= end:
         length, found = struct.unpack_from("=HH", data, at)
@@ -89,7 +89,7 @@ def payload_of(data: bytes) -> bytes:
 
 
 def stamp_of(data: bytes) -> int | None:
-    """When the packet came to this machine or container, in ns of the system's clock, to a microsecond."""
+    """When the packet arrived at this machine or container, in ns of the system's clock, exact to a microsecond."""
     value = value_of(data, ATTRIBUTE_STAMP)
     if len(value) != STAMP.size:
         return None
@@ -98,13 +98,13 @@ def stamp_of(data: bytes) -> int | None:
 
 
 class Queues:
-    """A bound socket; `whole` are the queues of which whole packets are copied. Raises NetError."""
+    """A socket bound to queues; `whole` are the queues of which whole packets are copied. Raises NetError."""
 
     def __init__(self, count: int, whole: frozenset[int]) -> None:
         try:
             self.socket = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_CLOEXEC, NETLINK_NETFILTER)
             self.socket.bind((0, 0))
-            # While any socket asks for time stamps, the kernel gives one to every packet as it comes.
+            # While any socket asks for time stamps, the kernel gives one to every packet on arrival.
             self._stamping = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
             self._stamping.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMP, 1)
         except OSError as error:
@@ -125,7 +125,7 @@ class Queues:
         self.socket.setblocking(False)
 
     def copy_whole(self, queue: int) -> None:
-        """From now on the whole of a queue's packets is copied; those that wait in the socket are short yet."""
+        """Copy a queue's packets completely from now on; those that already wait in the socket are still short."""
         params = attribute(CONFIG_PARAMS, struct.pack(">IB", ALL_BYTES, COPY_PACKET))
         self.socket.send(message(CONFIG, REQUEST, queue, params))
 
@@ -145,6 +145,6 @@ class Queues:
 
 
 def read_drops(text: str) -> dict[int, int]:
-    """By queue what the kernel dropped because it was full or because its socket was, from COUNTS_FILE."""
+    """By queue the packets that the kernel dropped because the queue or its socket was full, from COUNTS_FILE."""
     rows = [line.split() for line in text.splitlines()]
     return {int(row[0]): int(row[5]) + int(row[6]) for row in rows if len(row) >= 7}

@@ -1,4 +1,4 @@
-"""The plan of a run: what every directed link does and when that changes, read from JSON and checked field by field."""
+"""The plan of a run, read from JSON and checked field by field: the settings of every directed link, and the events."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ _FLAGS = ("reordering", "closed")
 
 
 class PlanError(NetError):
-    """The plan cannot be carried out as it stands; the text names file, field, value and what was expected."""
+    """The plan cannot be carried out; the text names file, field, value and what was expected."""
 
 
 @dataclass(frozen=True)
 class Settings(LinkPlan):
-    """What a directed link does at a time; `closed` comes from events only, and lets nothing through."""
+    """The settings of a directed link at a time; `closed`, which only events set, lets nothing through."""
 
     closed: bool = False
 
 
 @dataclass(frozen=True)
 class ShapedPlan(Plan):
-    """A plan that was read and checked."""
+    """A checked plan."""
 
     links: Mapping[str, Settings]
 
 
 def read_plan(path: Path) -> ShapedPlan:
-    """A file with a plan, or with one under `plan` beside what else a run has. Raises PlanError."""
+    """Read a file with a plan, or with a plan in its field `plan`, as a run's file has it. Raises PlanError."""
     data = read_json(path)
     if isinstance(data, dict) and "plan" in data:
         return parse_plan(data["plan"], f"{path}: plan")
@@ -54,7 +54,7 @@ def read_plan(path: Path) -> ShapedPlan:
 
 
 def read_json(path: Path) -> object:
-    """Raises PlanError."""
+    """Read a file's JSON. Raises PlanError."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -64,7 +64,7 @@ def read_json(path: Path) -> object:
 
 
 def parse_plan(data: object, source: str) -> ShapedPlan:
-    """The plan in parsed JSON; `source` is named in what PlanError says."""
+    """Check a plan in parsed JSON. Raises PlanError that begins with `source`."""
     top = mapping(data, source, ("version", "profile", "seed", "links", "events"))
     if top.get("version") != VERSION:
         raise wrong(f"{source}: version", top.get("version"), f"{VERSION}")
@@ -88,7 +88,7 @@ def parse_plan(data: object, source: str) -> ShapedPlan:
 
 
 def changed(settings: Settings, change: Mapping[str, Any]) -> Settings:
-    """The settings with checked fields of an event's `change` in place."""
+    """The settings with the checked fields of a change."""
     return replace(settings, **change)
 
 
@@ -114,7 +114,7 @@ def _event(value: object, links: Mapping[str, Settings], where: str) -> EventPla
 
 
 def parse_change(links: Mapping[str, Settings], link: object, change: object, where: str) -> dict[str, Any]:
-    """The fields of a change of that link, checked as the plan's own. Raises PlanError."""
+    """Check the fields of a link's change, as the plan's own. Raises PlanError."""
     if not isinstance(link, str) or link not in links:
         raise wrong(f"{where}.link", link, f"one of {', '.join(links)}")
     found = mapping(change, f"{where}.change", [one.name for one in fields(Settings) if one.name != "shared_with"])
@@ -166,7 +166,7 @@ def _check_together(settings: Settings, where: str) -> None:
 
 
 def mapping(value: object, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
-    """The object, with no other fields than those known. Raises PlanError."""
+    """Check that a value is an object without fields other than `known`. Raises PlanError."""
     if not isinstance(value, dict):
         raise wrong(where, value, "an object")
     for name in value:
@@ -180,10 +180,10 @@ def _is_integer(value: object) -> TypeGuard[int]:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """A finite number that is not true or false."""
+    """Whether a value is a finite number, and not a bool."""
     return _is_integer(value) or (isinstance(value, float) and math.isfinite(value))
 
 
 def wrong(where: str, value: object, expected: str) -> PlanError:
-    """In the form of all errors: where, what is there, what was expected."""
+    """An error in the common form: place, value, what was expected."""
     return PlanError(f"{where} {value!r}: expected {expected}")

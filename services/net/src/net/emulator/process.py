@@ -1,6 +1,7 @@
-"""From a plan to shaped links: checks it, binds the queues, leads the packets there, and shapes until the end.
+"""From a plan to shaped links: checks it, binds the queues, directs the packets there, and shapes until the end.
 
-By itself the links' clock begins at once. With a channel it waits for `start`, and takes changes; see control.
+Without a channel the links' clock begins at once. With one it waits for the order to start, and takes changes; see
+control.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from .timing import Lateness
 def shape(
     plan: ShapedPlan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, said: Path | Channel | None
 ) -> None:
-    """Shape every link until SIGTERM or SIGINT, with counters written each second and at the end. Raises NetError.
+    """Shape every link until SIGTERM or SIGINT; writes counters each second and at the end. Raises NetError.
 
-    Once all is shaped, a file is made or a line is written to the channel `said`; a channel also gets every event.
+    `said` is a file, made once all links are shaped, or a channel, which gets a message then and at every event.
     """
     ways = rules.ways_of(list(plan.links), ports, pairs)
     network = Network(plan)
@@ -54,7 +55,7 @@ def shape(
 
         def start(at_ns: int) -> None:
             network.start(at_ns)
-            shaper.late = Lateness()  # what was late before is calibration's affair
+            shaper.late = Lateness()  # lateness before the start only concerns calibration
             at_start.update(counts.by_link(links, drops()))
 
         def report() -> dict[str, Any]:
@@ -86,14 +87,14 @@ def shape(
 
 
 def queues_of_whole_packets(plan: ShapedPlan) -> frozenset[int]:
-    """The places of links that corrupt or duplicate at any time, for which a packet's head is not enough."""
+    """The queues of links that corrupt or duplicate at any time, which need more than a packet's head."""
     touching = {name for name, link in plan.links.items() if link.corrupt or link.duplicate}
     touching |= {event.link for event in plan.events if event.change.get("corrupt") or event.change.get("duplicate")}
     return frozenset(queue for queue, name in enumerate(plan.links) if name in touching)
 
 
 class _Listener:
-    """Does what comes on the channel, and answers when it is done."""
+    """Carries out the orders on the channel, and answers when each is done."""
 
     def __init__(
         self,
@@ -110,7 +111,7 @@ class _Listener:
         self._queues, self._ways, self._ending = queues, ways, ending
 
     def hear(self) -> None:
-        """What has come; whoever gave the orders being gone is the end."""
+        """Carry out all received orders; ends the process if the other end is gone."""
         while (order := self._channel.receive()) is not None:
             if not order:
                 self._ending.end()
@@ -118,7 +119,7 @@ class _Listener:
             self._channel.send({"done": time.time_ns(), "events": self._do(order)})
 
     def _do(self, order: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """The profile's event that is in force from here on, if the order lets go of a link."""
+        """Carry out an order; returns the profile's event that is in force again, if the order ends a change by hand."""
         if "start_ns" in order:
             self._start(self._shaper.since_zero_ns(order["start_ns"]))
             return []

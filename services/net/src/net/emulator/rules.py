@@ -1,7 +1,7 @@
-"""Which packets go to which queue: a rule of iptables for each directed link, and none may pass besides.
+"""The rules that send packets to queues: one of iptables for each directed link; no other packet may pass.
 
-iptables, since a kernel may have NFQUEUE for iptables (CONFIG_NETFILTER_XT_TARGET_NFQUEUE) and not for nftables. No
-`--queue-bypass`: while nobody listens to a queue, its packets are dropped, never let through unshaped.
+iptables, because a kernel may have NFQUEUE for iptables (CONFIG_NETFILTER_XT_TARGET_NFQUEUE) and not for nftables. No
+`--queue-bypass`: while no program listens to a queue, its packets are dropped, never passed on unshaped.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ ROOT_NODE = "cloud"
 SENSE = "sense"
 CHAIN = "NET-SHAPE"
 TOOLS = ("iptables-restore", "iptables-legacy-restore")
-"""The first works by nf_tables, which a kernel may lack."""
+"""The first uses nf_tables, which a kernel may lack."""
 
 
 @dataclass(frozen=True)
 class Way:
-    """Where a directed link's packets come in and go out."""
+    """The ports at which a directed link's packets enter and leave."""
 
     link: str
     source: Port
@@ -32,9 +32,10 @@ class Way:
 
 
 def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[Pair]) -> tuple[Way, ...]:
-    """`CLASS:NODE:up` leads from NODE to the next towards the cloud, `down` back; `sense:NODE:up` from beyond to NODE.
+    """`CLASS:NODE:up` leads from NODE to the next node towards the cloud, `down` back; `sense:NODE:up` leads from the
+    node beyond to NODE.
 
-    The names have to be exactly the links there are: a packet on any other would not be shaped. Raises PlanError.
+    The names must be exactly the existing links: a packet on any other would not be shaped. Raises PlanError.
     """
     by_node = {port.node: port for port in ports}
     hops = next_hops(pairs)
@@ -57,9 +58,9 @@ def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[Pair]) 
 
 
 def _ends(kind: str, node: str, hops: Mapping[Pair, str]) -> Pair | None:
-    """The lower and the upper end of a link, None where there is none of that name.
+    """The lower and the upper end of a link; None if no link has that name.
 
-    A sense link has the drone's name, which is its upper end: the sensor is the one node beyond it.
+    A sense link has the name of the drone, its upper end: the sensor is the only node beyond it.
     """
     if kind == SENSE:
         beyond = [one for (one, to), first in hops.items() if to == ROOT_NODE and first == node]
@@ -69,7 +70,7 @@ def _ends(kind: str, node: str, hops: Mapping[Pair, str]) -> Pair | None:
 
 
 def rules(ways: Sequence[Way]) -> str:
-    """What iptables-restore has to do; queue numbers are the ways' places."""
+    """The input of iptables-restore; queue numbers are the indexes of the ways."""
     lines = [
         f"-A {CHAIN} -i {way.source.interface} -o {way.destination.interface} -j NFQUEUE --queue-num {queue}"
         for queue, way in enumerate(ways)
@@ -78,7 +79,7 @@ def rules(ways: Sequence[Way]) -> str:
 
 
 def apply(ways: Sequence[Way]) -> None:
-    """Put the rules into force, and read them back. Raises NetError with what iptables says."""
+    """Put the rules into force, and read them back. Raises NetError with the error of iptables."""
     said = []
     for tool in TOOLS:
         try:
@@ -95,7 +96,7 @@ def apply(ways: Sequence[Way]) -> None:
 
 
 def check(ways: Sequence[Way], shown: str) -> None:
-    """Raises NetError where the rules in force, as `iptables -S` shows them, are not those that were asked for."""
+    """Raise NetError if the rules in force, as `iptables -S` shows them, are not the requested ones."""
     asked = [line for line in rules(ways).splitlines() if line.startswith("-A")]
     lines = shown.splitlines()
     found = [line for line in lines if line.startswith(("-A FORWARD", f"-A {CHAIN}"))]

@@ -1,8 +1,8 @@
-"""The emulator at work: takes packets from their links' queues, holds each until it is due, and lets it go.
+"""The emulator's main loop: takes packets from their links' queues, holds each until it is due, and releases it.
 
-One thread, one socket, one heap. A packet's time begins when the kernel got it, not when this process gets to it: a
-busy machine does not lengthen a delay that is not over yet. What is done for each packet is written out in two loops,
-since this is the hot path of all that the testbed measures: a call costs here as much as a decision.
+One thread, one socket, one heap. A packet's time begins when the kernel received it, not when this process reads it: a
+busy machine does not lengthen a delay that is not over yet. The work per packet is inlined in two loops, since this is
+the hot path of all measurements: a call costs as much here as a decision.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from .timing import Lateness
 from .turns import Sender
 
 BATCH = 64
-"""Packets taken before those that are due are let go."""
+"""Packets taken before those that are due are released."""
 ETHERNET_BYTES = 14
 TICK_NS = 1_000_000_000
 LOOK_NS = 10_000_000
-"""How often other sockets are looked at while packets leave no time to wait."""
+"""How often other sockets are checked while packets leave no time to wait."""
 STAMP_LIMIT_NS = 1_000_000_000
-"""A packet whose time stamp is further from now has none that can be used."""
+"""A time stamp that is further from now is not used."""
 BUFFER_BYTES = 1 << 17
 _NS = 1e-9
 Tick = Callable[[], None]
 _Held = tuple[int, int, Counters | None, bytes, tuple[Injector, bytes] | None]
-"""Due time, number, the link's counters (None: dropped), the verdict, and what is sent besides."""
+"""Due time, number, the link's counters (None: dropped), the verdict, and a copy with its injector (None: no copy)."""
 
 
 class Shaper:
-    """`run` until it is to end; `tick` is called about once per second, and `said` with each event, between packets."""
+    """The loop in `run`; between packets `tick` is called about once per second, and `said` with each event."""
 
     def __init__(
         self,
@@ -55,7 +55,7 @@ class Shaper:
     ) -> None:
         self.late = Lateness()
         self.overruns = 0
-        """How often the socket's buffer was full, as the socket says; the kernel counts the packets."""
+        """How often the socket reported a full buffer; the kernel counts the packets lost by it."""
         self._network = network
         self._links = [network.links[way.link] for way in ways]
         self._socket = queues.socket
@@ -70,7 +70,7 @@ class Shaper:
         self._drop = [nfqueue.verdict_prefix(queue, False) for queue in range(len(ways))]
         self._held: list[_Held] = []
         self._waiting: dict[Sender, deque[tuple[int, bytes, bytes]]] = {link: deque() for link in self._links}
-        """Queue, id and payload of the packets that wait for their turn."""
+        """By link queue, id and payload of the packets that wait for their turn."""
         self._numbers = itertools.count()
         self._buffer = bytearray(BUFFER_BYTES)
         self._flips = generator(network.seed, "all", "bits")
@@ -78,11 +78,11 @@ class Shaper:
 
     @property
     def held(self) -> int:
-        """Packets that wait for their turn or their time."""
+        """The number of packets that wait for their turn or their time."""
         return len(self._held) + sum(map(len, self._waiting.values()))
 
     def run(self, heard: Mapping[socket.socket, Callable[[], None]], ended: Callable[[], bool], tick: Tick) -> None:
-        """Time zero is now. `heard` is called for its sockets as they become readable, between packets."""
+        """Shape packets until `ended`; time zero is now. `heard` has sockets with functions to call if readable."""
         gc.collect()
         gc.freeze()
         gc.disable()  # nothing here makes cycles, and a collection would stop all links for milliseconds
@@ -118,11 +118,11 @@ class Shaper:
                         heard[source]()
 
     def since_zero_ns(self, unix_ns: int) -> int:
-        """A moment of the system's clock, as links count time."""
+        """Convert a time of the system's clock (unix time) to the links' time."""
         return unix_ns - self._clock_zero_ns
 
     def copy_whole(self, queues: Queues, queue: int, way: Way) -> None:
-        """A link is about to change or double packets: what it has taken so far had not to be seen whole."""
+        """Copy a link's packets completely from now on, because it will corrupt or duplicate them."""
         if queue in self._whole:
             return
         self._injectors[queue] = Injector(way.destination.interface, way.destination.cable.node)
@@ -132,11 +132,11 @@ class Shaper:
             pass
 
     def _read_clocks(self, zero_ns: int) -> None:
-        """What the system's clock, that of the packets' time stamps, showed at time zero."""
+        """Compute the time zero by the system's clock, which the packets' time stamps use."""
         self._clock_zero_ns = time.time_ns() - time.monotonic_ns() + zero_ns
 
     def _take(self, zero_ns: int) -> bool:
-        """Take what has come; whether there may be more."""
+        """Take packets that have arrived, at most BATCH; returns whether there may be more."""
         receive, buffer, push, stamp = self._socket.recv_into, self._buffer, heapq.heappush, nfqueue.STAMP.unpack_from
         links, held, accept, drop = self._links, self._held, self._accept, self._drop
         kind, short, numbers = nfqueue.PACKET_KIND, nfqueue.SHORT_PAYLOAD, self._numbers
@@ -153,7 +153,7 @@ class Shaper:
                     raise
                 self.overruns += 1
                 continue
-            if buffer[4:6] != kind:  # an answer to a verdict on a packet that its interface took along
+            if buffer[4:6] != kind:  # an answer to a verdict on a packet that vanished with its interface
                 continue
             queue = buffer[18] << 8 | buffer[19]
             packet = bytes(buffer[24:28])
@@ -179,7 +179,7 @@ class Shaper:
         return True
 
     def _take_whole(self, queue: int, packet: bytes, payload: bytes, came_ns: int) -> None:
-        """A packet of a link that may change or double it."""
+        """Take a packet of a link that may corrupt or duplicate it."""
         link = self._links[queue]
         due_ns, fate = link.arrive(came_ns, len(payload) + ETHERNET_BYTES)
         if fate == WAIT:
@@ -188,14 +188,14 @@ class Shaper:
             self._hold(queue, packet, payload, due_ns, fate)
 
     def _take_turns(self, now_ns: int) -> None:
-        """What began to be sent on links that share a rate."""
+        """Hold the packets whose sending has begun on links that share a rate."""
         for turns in self._network.turns:
             for link, due_ns, fate in turns.advance(now_ns):
                 queue, packet, payload = self._waiting[link].popleft()
                 self._hold(queue, packet, payload, due_ns, fate)
 
     def _hold(self, queue: int, packet: bytes, payload: bytes, due_ns: int, fate: int) -> None:
-        """Until it is due; `payload` is there where the link may change or double it."""
+        """Hold a packet until it is due; `payload` is set if the link may corrupt or duplicate it."""
         link, numbers = self._links[queue], self._numbers
         if fate == DROP:
             heapq.heappush(self._held, (due_ns, next(numbers), None, self._drop[queue] + packet, None))
@@ -211,13 +211,13 @@ class Shaper:
                 heapq.heappush(self._held, (due_ns, next(numbers), link.counters, b"", copy))
 
     def _corrupted(self, payload: bytes) -> bytes:
-        """One bit turned, anywhere in the packet, as netem does."""
+        """The packet with one bit flipped, anywhere in it, as by netem."""
         changed = bytearray(payload)
         changed[self._flips.randrange(len(changed))] ^= 1 << self._flips.randrange(8)
         return bytes(changed)
 
     def _let_go(self, zero_ns: int) -> None:
-        """Let go what is due."""
+        """Release the packets that are due."""
         held, pop, late = self._held, heapq.heappop, self.late.add
         now_ns = time.monotonic_ns() - zero_ns
         verdicts: list[bytes] = []

@@ -1,4 +1,4 @@
-"""How late packets are let go, as a histogram: the emulator's own precision."""
+"""A histogram of how late packets are released: the emulator's own precision."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ STEPS = 2_000
 
 
 class Lateness:
-    """Counts in steps of 10 microseconds up to 20 ms; the greatest exactly."""
+    """Counts in steps of 10 microseconds up to 20 ms; the maximum is exact."""
 
     __slots__ = ("_counts", "greatest_ns")
 
@@ -22,7 +22,7 @@ class Lateness:
             self.greatest_ns = late_ns
 
     def quantile_ms(self, share: float) -> float:
-        """What `share` of the packets were not later than, in ms; beyond the last step the greatest, 0 without any."""
+        """The lateness in ms that `share` of packets did not exceed; beyond the last step the maximum; 0 if none."""
         wanted, seen = share * sum(self._counts), 0
         for step, count in enumerate(self._counts):
             seen += count

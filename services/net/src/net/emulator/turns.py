@@ -1,8 +1,8 @@
-"""A rate that two links share, as both ways of a half-duplex radio do: one frame at a time, in turns. No I/O.
+"""A rate that two links share, as the two directions of a half-duplex radio: one frame at a time, in turns. No I/O.
 
-Each link has its queue at its own sender, so a frame waits for what is before it on its own link and, where both have
-frames, for the other's turn in between: a link that is overfull does not shut the other out. A turn is bytes and not
-frames, or the link with the larger frames would have more of the rate: deficit round robin with HTB's reckoning
+Each link has its queue at its own sender. A frame waits for those before it on its own link and, if both have frames,
+for the other link's turn in between: an overfull link does not shut out the other. Turns are counted in bytes, not in
+frames, or the link with the larger frames would get more of the rate. It is deficit round robin with HTB's accounting
 (htb_dequeue_tree in sch_htb.c), since the kernel's links share their rate by HTB.
 """
 
@@ -13,30 +13,30 @@ from collections.abc import Iterator
 from typing import Protocol
 
 QUANTUM_BYTES = 1514
-"""What a turn lets a link send: a full frame, as in the kernel's classes."""
+"""The bytes that a link may send per turn: a full frame, as in the kernel's classes."""
 
 
 class Sender(Protocol):
-    """What a link does once it may send."""
+    """A link, as it sends at its turn."""
 
     def begin(self, start_ns: int, size: int) -> int:
-        """Send a frame; when its last bit is sent."""
+        """Begin to send a frame; returns when its last bit is sent."""
         ...
 
     def finish(self, sent_ns: int) -> tuple[int, int]:
-        """When it leaves after the stages that follow, and its fate."""
+        """When the frame leaves after the stages that follow, and its fate."""
         ...
 
 
 class Turns:
-    """`offer` each frame as it comes; `advance` at `next_ns`, and after every offer, returns those that were sent."""
+    """The turns of two links. `offer` each frame as it arrives; call `advance` at `next_ns`, and after every offer."""
 
     def __init__(self) -> None:
         self._waiting: dict[Sender, deque[tuple[int, int]]] = {}
-        """When each came, and its size."""
+        """By link the arrival time and the size of each waiting frame."""
         self._free_ns = 0
         self._credit: dict[Sender, int] = {}
-        """Bytes that are left of each link's turn."""
+        """The bytes left of each link's turn."""
         self._passed: Sender | None = None
         """The link whose turn has just ended."""
 
@@ -44,17 +44,17 @@ class Turns:
         self._waiting.setdefault(link, deque()).append((now_ns, size))
 
     def waiting(self, link: Sender) -> int:
-        """Frames that are not yet being sent."""
+        """The number of frames that are not being sent yet."""
         return len(self._waiting.get(link, ()))
 
     @property
     def next_ns(self) -> int | None:
-        """When the next frame begins to be sent; None while none waits."""
+        """When the next frame begins to be sent; None if no frame waits."""
         came_ns = min((queue[0][0] for queue in self._waiting.values() if queue), default=None)
         return None if came_ns is None else max(came_ns, self._free_ns)
 
     def advance(self, now_ns: int) -> Iterator[tuple[Sender, int, int]]:
-        """The frames that began to be sent until now: link, when each leaves, and its fate; each link's in order."""
+        """The frames whose sending began until now: link, when each leaves, and its fate; in order for each link."""
         while (start_ns := self.next_ns) is not None and start_ns <= now_ns:
             ready = [link for link, queue in self._waiting.items() if queue and queue[0][0] <= start_ns]
             link = next((link for link in ready if link is not self._passed), ready[0])

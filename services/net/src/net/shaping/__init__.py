@@ -1,11 +1,11 @@
-"""What `net route` does about links: chooses a shaper, starts it, passes on when the mission starts and what changes.
+"""The links' part of `net route`: chooses a shaper, starts it, and passes on the mission's start and all changes.
 
 run_plan   the file that the host wrote
-choice     which shaper there can be
-emulated   the emulator, a process of its own
+choice     the choice of the shaper
+emulated   the emulator, a separate process
 kernel     netem, by commands (kernel_plan, commands), read back (readback) and counted (tallies)
 gates      links that are open while a drone is near
 server     changes by hand
-journal    everything that changed, and when
+journal    all changes, with times
 attend     all of it together
 """

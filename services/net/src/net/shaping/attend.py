@@ -1,4 +1,4 @@
-"""The links of a run: shaped before anything is sent, started with the mission, changed by profile, hand and range."""
+"""The links of a run: shaped before any traffic, started with the mission, changed by profile, by hand and by range."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ START_EVERY_S = 0.02
 GATES_EVERY_S = 0.1
 OTHERWISE_S = 1.0
 FRESH_NS = 1_000_000_000
-"""A start file is noticed within this time of being made; its own time is then the start, to a few milliseconds."""
+"""A start file that is younger than this when noticed sets the start by its own time, exact to a few milliseconds."""
 
 
 class Links(Protocol):
-    """What shapes. Every method raises NetError where it is not as it has to be."""
+    """A shaper of links. Every method raises NetError if the shaper fails."""
 
     @property
     def checked(self) -> Mapping[str, Any]: ...
@@ -41,7 +41,7 @@ class Links(Protocol):
 
 
 class Attendant:
-    """Makes the links as chosen and says so in `shaper.json`; `attend` is to be called as often as it says."""
+    """Makes the chosen shaper and writes `shaper.json`; `attend` must be called again after the time it returns."""
 
     def __init__(self, folder: Path, run: RunPlan, choice: Choice, make: Callable[[Journal], Links | None]) -> None:
         self._folder, self._run = folder, run
@@ -60,7 +60,7 @@ class Attendant:
         _write(folder / "shaper.json", {**choice.to_data(), **_machine(), "checked": checked})
 
     def serve(self, path: Path) -> dict[socket, Callable[[], None]]:
-        """Begin to take changes by hand; the sockets to watch, and what to call when one is readable."""
+        """Begin to accept changes by hand; returns the sockets to watch, with the function to call if one is readable."""
         self._server = Server(path, self._answer)
         watched = {self._server.socket: self._server.serve}
         if self._links is not None and self._links.socket is not None:
@@ -68,7 +68,7 @@ class Attendant:
         return watched
 
     def attend(self) -> float:
-        """Look after everything; in how many seconds to come back. Raises NetError."""
+        """Check start file, gates and shaper; returns after how many seconds to call again. Raises NetError."""
         wanted = [OTHERWISE_S]
         if not self._started:
             self._look_for_start()
@@ -81,7 +81,7 @@ class Attendant:
         return min(wanted)
 
     def end(self) -> None:
-        """Last counters, and nothing left behind."""
+        """Write the last counters and remove everything."""
         if self._links is not None:
             self._links.end()
         if self._server is not None:
@@ -145,7 +145,7 @@ def _machine() -> Mapping[str, str]:
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
-    """Whole or not at all."""
+    """Write a file completely or not at all."""
     try:
         fresh = path.with_suffix(".new")
         fresh.write_text(json.dumps(content, indent=1) + "\n")

@@ -1,4 +1,5 @@
-"""Which shaper: netem where the kernel really has all that it takes, else the emulator; none for a plan of nothing."""
+"""The choice of the shaper: netem if the kernel really has all that is needed, else the emulator; none if the plan
+shapes nothing."""
 
 from __future__ import annotations
 
@@ -31,18 +32,18 @@ STAGES: tuple[Words, ...] = tuple(
 
 @dataclass(frozen=True)
 class Choice:
-    """`shaper` is netem, nfqueue or none, and why."""
+    """The chosen `shaper`, netem, nfqueue or none, and why."""
 
     shaper: str
     why: str
 
     def to_data(self) -> dict[str, Any]:
-        """As shaper.json has it."""
+        """The entries in shaper.json."""
         return asdict(self)
 
 
 def choose(wanted: RunPlan, runner: Runner = run) -> Choice:
-    """What is to shape the links of a run. Raises NetError where it is to be netem, and cannot."""
+    """Choose the shaper of a run's links. Raises NetError if the plan asks for netem and the kernel cannot."""
     if not wanted.is_shaped:
         return Choice("none", f"profile {wanted.plan.profile} shapes nothing")
     if wanted.shaper == "nfqueue":
@@ -56,7 +57,7 @@ def choose(wanted: RunPlan, runner: Runner = run) -> Choice:
 
 
 def try_netem(runner: Runner = run) -> str | None:
-    """Make both stages between two devices of nobody's; what the kernel refused, None where it refused nothing."""
+    """Try both stages on two devices of their own; returns what the kernel refused, None if nothing."""
     try:
         for words in (*DEVICES, *STAGES):
             done = runner(words, None)

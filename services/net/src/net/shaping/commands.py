@@ -1,4 +1,4 @@
-"""Runs `ip` and `tc`: one command, or many in one process, which is a tenth of the time."""
+"""Runs `ip` and `tc`: one command, or many in one process, which takes a tenth of the time."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..interfaces import NetError
 
 Words = Sequence[str]
 Runner = Callable[[Words, str | None], "Done"]
-"""Runs a command with a text as its input."""
+"""Runs a command with a text as input."""
 _PLACE = re.compile(r"Command failed -:(\d+)")
 
 
 class Done:
-    """How a command ended, and its output."""
+    """A command's exit code and its output."""
 
     def __init__(self, code: int, out: str, err: str) -> None:
         self.code, self.out, self.err = code, out, " ".join(err.split())
 
 
 def run(words: Words, text: str | None = None) -> Done:
-    """A real one."""
+    """Run a real command."""
     try:
         ended = subprocess.run(list(words), input=text, capture_output=True, text=True, check=False)
     except FileNotFoundError:
@@ -34,7 +34,8 @@ def run(words: Words, text: str | None = None) -> Done:
 
 
 def carry_out(commands: Sequence[Words], runner: Runner, where: str) -> list[Any]:
-    """All of them in order; what those that show something showed. NetError says `where`, and which of them failed."""
+    """Run commands in order; returns the output of those that show something. Raises NetError that begins with `where`
+    and names the command that failed."""
     shown: list[Any] = []
     place = 0
     for program, group in groupby(commands, key=lambda words: words[0]):
@@ -51,7 +52,7 @@ def carry_out(commands: Sequence[Words], runner: Runner, where: str) -> list[Any
 
 
 def documents(text: str) -> Iterator[Any]:
-    """JSON values that stand one behind the other."""
+    """The JSON values in a text, one after the other."""
     decoder, at = json.JSONDecoder(), 0
     while at < len(text):
         if text[at].isspace():

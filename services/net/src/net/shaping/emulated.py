@@ -1,4 +1,4 @@
-"""The emulator as a process of its own, so that nothing else holds up its packets."""
+"""The emulator as a separate process, so that nothing else delays its packets."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ READY_S = 30.0
 ANSWER_S = 5.0
 END_S = 3.0
 USAGE = 2
-"""The exit code of who was given a plan that cannot be carried out."""
+"""The emulator's exit code for a plan that cannot be carried out."""
 
 
 class EmulatedLinks:
-    """Ready, with every link shaped, once it is made. Raises NetError."""
+    """The emulator's process. Once constructed, every link is shaped. Raises NetError if that fails."""
 
     def __init__(self, folder: Path, journal: Journal) -> None:
         self._journal = journal
@@ -45,29 +45,29 @@ class EmulatedLinks:
 
     @property
     def socket(self) -> socket.socket:
-        """Readable when the profile has changed a link, or the emulator has ended."""
+        """Readable if the profile has changed a link, or the emulator has ended."""
         return self._channel.socket
 
     def attend(self) -> float | None:
-        """Note the emulator's lines; it does the rest by itself. Raises NetError where it has ended."""
+        """Record the emulator's messages; it needs nothing else. Raises NetError if it has ended."""
         while (message := self._channel.receive()) is not None:
             self._note(message)
         return None
 
     def start(self, at_ns: int) -> None:
-        """The links' clock runs from that moment (unix time) on."""
+        """Start the links' clock at `at_ns` (unix time)."""
         self._order({"start_ns": at_ns})
 
     def hold(self, link: str, change: Mapping[str, Any] | None, words: Sequence[Sequence[str]]) -> int:
-        """A checked change by hand, None for back as planned; when it was in force (unix time)."""
+        """Apply a checked change by hand, None for back as planned; returns when it took effect (unix time)."""
         return self._order({"link": link, "change": None if change is None else dict(change)})
 
     def shut(self, link: str, shut: bool) -> int:
-        """Let nothing through, or again what is planned; when it was in force (unix time)."""
+        """Let nothing through, or again what is planned; returns when that took effect (unix time)."""
         return self._order({"link": link, "shut": shut})
 
     def end(self) -> None:
-        """End it; it writes what it counted last. One that does not end is killed."""
+        """End the emulator, which then writes its last counters. If it does not end, it is killed."""
         self._process.terminate()
         try:
             self._process.wait(END_S)

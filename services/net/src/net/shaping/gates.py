@@ -1,4 +1,4 @@
-"""Links that are open while a drone is near: its position is what its autopilot's stand-in last wrote."""
+"""Links that are open while a drone is near, by the position that its autopilot's stand-in wrote last."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EARTH_RADIUS_M = 6_371_008.8
 
 
 def distance_m(latitude_deg: float, longitude_deg: float, to_latitude_deg: float, to_longitude_deg: float) -> float:
-    """Along the ground, by the haversine formula."""
+    """The distance along the ground, by the haversine formula."""
     one, other = math.radians(latitude_deg), math.radians(to_latitude_deg)
     across = math.radians(to_longitude_deg - longitude_deg)
     half = math.sin((other - one) / 2) ** 2 + math.cos(one) * math.cos(other) * math.sin(across / 2) ** 2
@@ -23,12 +23,12 @@ def distance_m(latitude_deg: float, longitude_deg: float, to_latitude_deg: float
 
 
 def position_file(folder: Path, drone: int) -> Path:
-    """Where a drone's autopilot writes its position, in the run's folder."""
+    """The file in the run's folder to which a drone's autopilot writes its position."""
     return folder / "sitl" / f"uav{drone}.position.json"
 
 
 def read_position(path: Path) -> tuple[float, float] | None:
-    """Latitude and longitude in degrees; None until there is a first one. Raises NetError where it makes no sense."""
+    """Latitude and longitude in degrees; None until there is a first position. Raises NetError if it is invalid."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -47,5 +47,5 @@ def read_position(path: Path) -> tuple[float, float] | None:
 
 
 def is_open(gate: Gate, position: tuple[float, float] | None) -> bool:
-    """A drone of which nothing is known yet is out of range."""
+    """Whether a gate is open; a drone without a known position is out of range."""
     return position is not None and distance_m(*position, gate.latitude_deg, gate.longitude_deg) <= gate.range_m

@@ -1,4 +1,4 @@
-"""`events.jsonl`: what changed on which link, when, and whose doing it was; a line each, as it happens."""
+"""`events.jsonl`: a line for each change of a link, with its time and its cause, as it happens."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PROFILE, HAND, RANGE = "profile", "hand", "range"
 
 
 class Journal:
-    """Raises NetError where the file cannot be written."""
+    """Writes the file. Raises NetError if it cannot be written."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -23,11 +23,11 @@ class Journal:
             raise NetError(f"{path}: {error.strerror}; expected a file that can be written") from error
 
     def started(self, t_ns: int) -> None:
-        """From here on the links' clock runs (unix time)."""
+        """Record the start of the links' clock (unix time)."""
         self._write({"t_ns": t_ns, "event": "start"})
 
     def changed(self, t_ns: int, link: str, change: Mapping[str, Any] | None, cause: str) -> None:
-        """`change` stands over the link's steady figures from here on; None: nothing of that cause does any more."""
+        """Record that `change` overrides the link's steady figures from `t_ns` on; None: that cause's change ends."""
         self._write({"t_ns": t_ns, "link": link, "change": None if change is None else dict(change), "cause": cause})
 
     def close(self) -> None:

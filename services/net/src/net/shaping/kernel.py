@@ -1,7 +1,7 @@
-"""Links by netem: the plan's commands, read back once they were carried out, and again at their times.
+"""Links shaped by netem: runs the plan's first commands and reads them back, then the others at their times.
 
-Every change is one process of `tc`, which first shows what the link has counted: so what a closed link dropped is
-distinguished from what was drawn.
+Every change is one process of `tc`, which first shows the link's counters. So drops by a closed link are told from
+random loss.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _US = 1_000_000
 
 
 class KernelLinks:
-    """Every link is shaped, and read back, once it is made. Raises NetError."""
+    """netem's links. Once constructed, every link is shaped and read back. Raises NetError if that fails."""
 
     socket = None
-    """There is nothing to watch: `attend` says when it wants to be called."""
+    """There is no socket to watch: `attend` returns when it must be called again."""
 
     def __init__(
         self, folder: Path, run_plan: RunPlan, ports: Sequence[Port], journal: Journal, runner: Runner = run
@@ -61,13 +61,13 @@ class KernelLinks:
         self._count()
 
     def start(self, at_ns: int) -> None:
-        """The links' clock runs from that moment (unix time) on."""
+        """Start the links' clock at `at_ns` (unix time)."""
         self._start_s = time.monotonic() - (time.time_ns() - at_ns) / 1e9
         self._tallies.read(carry_out(self._tallies.shows(), self._runner, "count"))
         self._at_start = self._tallies.by_link()
 
     def attend(self) -> float | None:
-        """Carry out what is due, and count once a second; in how many seconds there is something to do again."""
+        """Make the changes that are due, and count once per second; returns after how many seconds to call again."""
         if self._start_s is not None:
             self._keep_up(time.monotonic() - self._start_s)
         if time.monotonic() >= self._count_s:
@@ -78,7 +78,7 @@ class KernelLinks:
         return max(0.0, wanted_s - time.monotonic())
 
     def hold(self, link: str, change: Mapping[str, Any] | None, words: Sequence[Words]) -> int:
-        """A checked change by hand, None for back as planned; when it was in force (unix time)."""
+        """Apply a checked change by hand, None for back as planned; returns when it took effect (unix time)."""
         self._check(link)
         before = dict(self._held)
         if change is None:
@@ -97,7 +97,7 @@ class KernelLinks:
         return at_ns
 
     def shut(self, link: str, shut: bool) -> int:
-        """Let nothing through, or again what is planned; when it was in force (unix time)."""
+        """Let nothing through, or again what is planned; returns when that took effect (unix time)."""
         self._check(link)
         (self._shut.add if shut else self._shut.discard)(link)
         return self._bring([link])
@@ -123,11 +123,11 @@ class KernelLinks:
                 self._journal.changed(at_ns, name, self._change_of(name) or None, PROFILE)
 
     def _change_of(self, link: str) -> Mapping[str, Any]:
-        """What of the link's figures is its events' now."""
+        """The link's figures that its events set now."""
         return self._changes.get((link, round(self._state[link].at_s * _US)), {})
 
     def _bring(self, names: Sequence[str]) -> int:
-        """Each to what it has to be now; when that was done (unix time)."""
+        """Bring each link to its current state; returns when that was done (unix time)."""
         commands: list[Words] = []
         for name in names:
             commands.append(["tc", "qdisc", "show", "dev", self._plan.links[name].place.device])
@@ -161,7 +161,7 @@ class KernelLinks:
 
 
 def _object(words: Words) -> tuple[str, ...]:
-    """What a command makes or changes: everything up to its figures."""
+    """The object that a command makes or changes: its words up to the figures."""
     ends = [place for place, word in enumerate(words) if word in ("netem", "htb", "action")]
     return (words[0], words[1], *words[3 : ends[0] if ends else len(words)])
 

@@ -1,4 +1,4 @@
-"""The kernel's part of `plan.json`: commands to begin and to end, and each link's states; @NODE is an interface."""
+"""The kernel's part of `plan.json`: the first and last commands, and each link's states; @NODE is an interface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PROGRAMS = ("ip", "tc")
 
 @dataclass(frozen=True)
 class State:
-    """From `at_s` after the start on; `words` bring the link there from whatever it does."""
+    """A link's state from `at_s` after the start on; `words` are the commands that set it from any other state."""
 
     at_s: float
     closed: bool
@@ -25,7 +25,7 @@ class State:
 
 @dataclass(frozen=True)
 class KernelLink:
-    """A link's states, the first at 0, what lets nothing through, and where its numbers are."""
+    """A link's states, the first at 0, the commands that close it, and the place of its counters."""
 
     states: tuple[State, ...]
     shut: tuple[Words, ...]
@@ -34,7 +34,7 @@ class KernelLink:
 
 @dataclass(frozen=True)
 class KernelPlan:
-    """With the names of interfaces filled in."""
+    """The kernel's commands, with the names of interfaces filled in."""
 
     begin: tuple[Words, ...]
     end: tuple[Words, ...]
@@ -42,7 +42,7 @@ class KernelPlan:
 
 
 def parse_kernel(data: object, ports: Sequence[Port], where: str) -> KernelPlan:
-    """Raises PlanError naming field, value and what was expected."""
+    """Parse the kernel's part. Raises PlanError that names field, value and what was expected."""
     top = mapping(data, where, ("begin", "timed", "end", "links"))
     names = {f"@{port.node}": port.interface for port in ports}
     begin = _commands(top.get("begin"), names, f"{where}.begin")

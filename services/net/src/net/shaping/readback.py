@@ -1,7 +1,7 @@
-"""What the kernel was given against what it reports: qdiscs, classes and filters, field by field.
+"""Compares the commands given to the kernel with what it reports: qdiscs, classes and filters, field by field.
 
-What `tc` shows as JSON (iproute2 6.15): rates in bytes a second, times in seconds, shares as fractions, all rounded to
-six digits. A netem's distribution is not shown, and its seed only by kernels that have one (6.6).
+In the JSON of `tc` (iproute2 6.15) rates are bytes per second, times seconds, shares fractions, all rounded to six
+digits. A netem's distribution is not shown, its seed only by kernels that have one (6.6).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from .commands import Runner, Words, carry_out
 
 ROUNDED = 1e-5
 _SHARES = {"loss": "loss-random", "duplicate": "duplicate", "corrupt": "corrupt", "reorder": "reorder"}
-"""A word of netem's, and what the JSON has it in."""
+"""netem's options, with the JSON objects that hold them."""
 _FLAT = ("limit", "seed")
 Key = tuple[str, ...]
-"""What it is, on which device, and by which name it is known there."""
+"""The kind of an object, its device, and its name there."""
 Fields = Mapping[str, float | str]
 
 
 def read_back(asked: Sequence[Words], runner: Runner) -> dict[str, int]:
-    """How many qdiscs, classes and filters there are as asked. Raises NetError naming what differs."""
+    """Count the qdiscs, classes and filters that exist as requested. Raises NetError that names a difference."""
     wanted = {place: _asked(words) for place, words in enumerate(asked) if words[0] == "tc"}
     places = list(dict.fromkeys(key[:-1] for key, _ in wanted.values()))
     shows = [["tc", key[0], "show", "dev", *key[1:]] for key in places]
@@ -51,7 +51,7 @@ def _same(found: float | str, wanted: float | str) -> bool:
 
 
 def _asked(words: Words) -> tuple[Key, Fields]:
-    """What `tc ... add` makes, and with which fields."""
+    """The key of the object that a `tc ... add` makes, and its fields."""
     kind, device = words[1], _after("dev", words)
     if kind == "filter":
         return _asked_filter(words, device)
@@ -102,7 +102,7 @@ def _netem(words: Words) -> dict[str, float]:
 
 
 def _shown(kind: str, item: Mapping[str, Any]) -> Iterator[tuple[str, Fields]]:
-    """What `tc -j ... show` says of one thing, by the same names; nothing for what is only around it."""
+    """The name and fields of one object in the output of `tc -j ... show`; nothing for an object around others."""
     options = item.get("options", {})
     if kind == "class":
         parent = {"parent": item.get("parent", "1:")}

@@ -1,4 +1,4 @@
-"""`plan.json` of a run's folder of links: the plan, which shaper to use, the kernel's commands, and gates."""
+"""`plan.json` in a run's folder `links`: the plan, the shaper to use, the kernel's commands, and gates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FIELDS = ("version", "shaper", "always", "plan", "kernel", "gates")
 
 @dataclass(frozen=True)
 class RunPlan:
-    """`kernel` is as the file has it: the kernel's driver reads it, and only where it is needed."""
+    """The content of `plan.json`; `kernel` is not parsed yet, as only `KernelLinks` needs it."""
 
     shaper: str
     always: bool
@@ -25,13 +25,13 @@ class RunPlan:
 
     @property
     def is_shaped(self) -> bool:
-        """Whether anything is ever done to a frame."""
+        """Whether anything is done to any frame in the run."""
         shaped = any(link.is_shaped for link in self.plan.links.values())
         return self.always or bool(self.gates) or bool(self.plan.events) or shaped
 
 
 def read_run_plan(path: Path) -> RunPlan:
-    """Raises PlanError naming file, field, value and what was expected."""
+    """Read `plan.json`. Raises PlanError that names file, field, value and what was expected."""
     top = mapping(read_json(path), str(path), FIELDS)
     if top.get("version") != RUN_VERSION:
         raise wrong(f"{path}: version", top.get("version"), f"{RUN_VERSION}")

@@ -1,4 +1,4 @@
-"""Changes by hand: a unix socket that takes a line of JSON and answers with one; and who asks it, `net change`."""
+"""Changes by hand: a unix socket that takes a line of JSON and answers with one; and its client, `net change`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ MOST_BYTES = 1 << 17
 
 
 class Server:
-    """`answer` returns a request's result, or raises NetError, whose text is the answer. Raises NetError itself."""
+    """The socket's server. `answer` carries out a request, or raises NetError, whose text becomes the answer.
+
+    Raises NetError if the socket cannot be made.
+    """
 
     def __init__(self, path: Path, answer: Callable[[object], None]) -> None:
         self._path, self._answer = path, answer
@@ -24,20 +27,20 @@ class Server:
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self.socket.bind(str(path))
-            path.chmod(0o666)  # whoever can run a command in the container may ask, as the nodes' user too
+            path.chmod(0o666)  # every user in the container may ask, the nodes' user too
         except OSError as error:
             raise NetError(f"--control {path}: {error.strerror}; expected a place for a socket") from error
         self.socket.listen()
 
     def serve(self) -> None:
-        """One request; a client that sends nothing waits in vain, and does not hold up anything for long."""
+        """Serve one request; a client that sends nothing is dropped after a second, so that it delays nothing for long."""
         connection, _ = self.socket.accept()
         with connection:
             connection.settimeout(1.0)
             try:
                 said = self._said(_read_line(connection))
                 connection.sendall(json.dumps(said).encode() + b"\n")
-            except OSError:  # whoever asked has gone
+            except OSError:  # the client is gone
                 return
 
     def _said(self, line: str) -> Mapping[str, Any]:
@@ -57,7 +60,7 @@ class Server:
 
 
 def ask(path: Path, request: Mapping[str, Any]) -> dict[str, Any]:
-    """The answer: `{"ok": true}`, or `{"error": …}` with what was wrong. Raises NetError without one."""
+    """Send a request; returns `{"ok": true}`, or `{"error": …}` with the reason. Raises NetError without an answer."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(PATIENCE_S)
         try:

@@ -1,8 +1,8 @@
-"""What the kernel counted, as the emulator counts: which drops were the queue's, which drawn, which a closed link's.
+"""The kernel's counts, in the emulator's terms: drops by the queue, by random loss, and by a closed link.
 
-Of a netem only one number of drops is known. So it is read whenever a link is closed or opened, and what was dropped in
-between is what the link was at that time. What netem doubled is what left, waits or was dropped beyond what entered it;
-what it turned or sent ahead is not counted by the kernel, and null.
+A netem has only one number of drops. It is read whenever a link is closed or opened, so drops in between count by the
+link's state at that time. Duplicates are the packets that left, wait or were dropped beyond those that entered netem.
+The kernel does not count corrupted and reordered packets; these are null.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Place:
-    """Where a link's numbers are: its device, its mark, the interface it leaves by, and its queue's handle, if any."""
+    """Where a link's counters are: its device, mark, outgoing interface, and its queue's handle, if any."""
 
     device: str
     mark: str
@@ -26,7 +26,7 @@ class Place:
 
 @dataclass
 class Tally:
-    """One link's numbers so far."""
+    """One link's counts so far."""
 
     place: Place
     closed: bool = False
@@ -34,15 +34,15 @@ class Tally:
     waiting: int = 0
     random: int = 0
     refused: int = 0
-    """By being closed."""
+    """Packets dropped because the link was closed."""
     delayed: int = 0
-    """What came to the second stage."""
+    """Packets that reached the second stage."""
     queue_left: int = 0
     queue_drops: int = 0
     queue_waiting: int = 0
 
     def read_delay(self, shown: Mapping[str, Any]) -> None:
-        """The second stage's netem as it is now, before the link is closed or opened."""
+        """Read the second stage's netem, before the link is closed or opened."""
         drops = int(shown["drops"]) - self.random - self.refused
         if self.closed:
             self.refused += drops
@@ -51,12 +51,12 @@ class Tally:
         self.left, self.waiting = int(shown["packets"]), int(shown["qlen"])
 
     def read_queue(self, shown: Mapping[str, Any]) -> None:
-        """The first stage's netem as it is now."""
+        """Read the first stage's netem."""
         self.queue_left, self.queue_drops = int(shown["packets"]), int(shown["drops"])
         self.queue_waiting = int(shown["qlen"])
 
     def to_data(self) -> dict[str, int | None]:
-        """In the emulator's words."""
+        """The counts by the emulator's names."""
         entered = self.delayed if self.place.queue is None else self.queue_left + self.queue_drops + self.queue_waiting
         doubled = self.left + self.waiting + self.random + self.refused - self.delayed
         return {
@@ -75,7 +75,7 @@ class Tally:
 
 
 class Tallies:
-    """All links'."""
+    """The tallies of all links."""
 
     def __init__(self, places: Mapping[str, Place]) -> None:
         self.links = {name: Tally(place) for name, place in places.items()}
@@ -84,12 +84,12 @@ class Tallies:
         self._outs = list(dict.fromkeys(tally.place.out for tally in self.links.values()))
 
     def shows(self) -> list[list[str]]:
-        """The commands whose answers `read` takes."""
+        """The commands whose output `read` takes."""
         filters = [["tc", "filter", "show", "dev", out, "egress"] for out in self._outs]
         return [["tc", "qdisc", "show"], *filters]
 
     def read(self, shown: Sequence[Any]) -> None:
-        """What they showed, in the same order."""
+        """Read the output of the commands in `shows`, in the same order."""
         self.read_qdiscs(shown[0])
         by_place = {(tally.place.out, tally.place.mark): tally for tally in self.links.values()}
         for out, content in zip(self._outs, shown[1:], strict=True):
@@ -100,7 +100,7 @@ class Tallies:
                     tally.delayed = int(options["actions"][0]["stats"]["packets"])
 
     def read_qdiscs(self, shown: Sequence[Mapping[str, Any]], device: str | None = None) -> None:
-        """Netems of all devices, or of one where what is shown does not say which."""
+        """Read the netems of all devices, or of `device` if the output does not name it."""
         for item in shown:
             if item["kind"] != "netem":
                 continue
@@ -110,11 +110,11 @@ class Tallies:
                 self._by_device[device or item["dev"]].read_delay(item)
 
     def by_link(self) -> dict[str, dict[str, int | None]]:
-        """What each link counted so far."""
+        """The counts of each link so far."""
         return {name: tally.to_data() for name, tally in self.links.items()}
 
     def report(self, profile: str, void: str | None, at_start: Mapping[str, Any] | None) -> dict[str, Any]:
-        """The counters file's content: totals, and what they were when the links' clock began."""
+        """The content of the counters file: totals, and their values when the links' clock began."""
         return {
             "version": VERSION,
             "shaper": "netem",

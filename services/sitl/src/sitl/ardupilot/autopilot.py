@@ -1,4 +1,4 @@
-"""ArduCopter's state: its modes, when it arms, disarms and takes itself for landed."""
+"""ArduCopter's state: its modes, and when it arms, disarms and detects a landing."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from .guidance import CopterGuidance
 from .modes import ARMABLE, UNPOWERED, Mode
 
 SPOOL_UP_S = 0.6
-"""From a takeoff's command to the first of its motion."""
+"""The time from a takeoff command to its first motion."""
 AUTO_S = 0.5
-"""So much later a mission's."""
+"""The additional time of a mission's takeoff."""
 CLIMBED_M = 0.1
-"""A mission's takeoff that is nearer than this to its height is over."""
+"""A mission's takeoff is over when the drone is nearer than this to its height."""
 STICK_S = 1.2
-"""So much later where the stick decides."""
+"""The additional time in a mode of the sticks."""
 ARMING_S = 2.0
-"""After arming the motors wait so long."""
+"""How long the motors wait after arming."""
 
 
 class ArduCopter(Autopilot):
-    """An ArduPilot multicopter whose sticks nobody holds: the throttle lies at the bottom."""
+    """An ArduPilot multicopter without a pilot at its sticks: the throttle is at the bottom."""
 
     rest = Mode.GUIDED
     unlanded_s = SPOOL_UP_S
@@ -37,11 +37,11 @@ class ArduCopter(Autopilot):
         self._takes_off = False
         self.mission.first = 1
         self._flies_mission = False
-        """Whether the mission was begun: on the ground AUTO alone does not."""
+        """Whether the mission was begun: on the ground AUTO alone does not begin it."""
 
     @property
     def flies_as(self) -> Mode:
-        """The mode whose flying is done: a mission goes to places and lands as the modes for that do."""
+        """The mode as which it flies: a mission lands and returns as the modes for that do."""
         mode = self.mode
         assert isinstance(mode, Mode)
         if mode is not Mode.AUTO:
@@ -79,7 +79,7 @@ class ArduCopter(Autopilot):
             self.motion.step(wanted, self.guidance.limits(self.flies_as), dt_s)
 
     def _fly_mission(self) -> None:
-        """Item after item; behind the last one it stays in AUTO, where it is."""
+        """Fly item after item; after the last one stay in AUTO, in place."""
         leg, target = self.mission.leg, self.mission.target
         is_there = self.guidance.is_there(target, self.mission.waits)
         if leg is Leg.TAKEOFF:
@@ -89,7 +89,7 @@ class ArduCopter(Autopilot):
             self._lead()
 
     def _lead(self) -> None:
-        """Do what the mission's leg wants."""
+        """Begin the mission's current leg."""
         self.guidance.cruise_m_s = self.mission.speed_m_s
         leg, target = self.mission.leg, self.mission.target
         if leg is Leg.RETURN:
@@ -105,7 +105,7 @@ class ArduCopter(Autopilot):
             self.guidance.stop()
 
     def start_mission(self) -> None:
-        """In AUTO the mission goes on."""
+        """Begin or continue the mission in AUTO."""
         self._flies_mission = True
         self._out += self.mission.begin()
         self._lead()
@@ -114,7 +114,7 @@ class ArduCopter(Autopilot):
         return self._takes_off
 
     def _disarm_when_due(self) -> None:
-        """After a landing at once where the mode was for that, else after DISARM_DELAY; 0 turns that off."""
+        """Disarm at once after the landing of a mode that lands, else after DISARM_DELAY; 0 turns that off."""
         delay_s = self.parameters["DISARM_DELAY"]
         is_due = 0 < delay_s <= self.now_s - max(self._armed_s, self._landed_s)
         if self._is_landing() or (is_due and self._lift_s is None):
@@ -123,7 +123,7 @@ class ArduCopter(Autopilot):
     # -- what callers change --------------------------------------------------------------------------------
 
     def arm_refusal(self) -> str | None:
-        """Why arming is denied now, if it is."""
+        """The reason why arming is denied now, or None."""
         if self.mode is Mode.AUTO and not self.plans.mission:
             return "Arm: Mode requires mission"
         if self.mode not in ARMABLE:
@@ -131,7 +131,7 @@ class ArduCopter(Autopilot):
         return None if self.healthy else "Arm: GPS 1: Bad fix"
 
     def mode_refusal(self, mode: FlightMode) -> str | None:
-        """Why a mode cannot be entered now, if it cannot: there is no mission."""
+        """The reason why a mode cannot be entered now, or None: armed, AUTO needs a mission."""
         return "init failed" if mode is Mode.AUTO and self.armed and not self.plans.mission else None
 
     def arm(self) -> None:
@@ -144,7 +144,7 @@ class ArduCopter(Autopilot):
             self._set_armed(True)
 
     def disarm(self) -> None:
-        """The mode stays."""
+        """Stop the motors; the mode stays."""
         if self.armed:
             self.say("Disarming motors", mavlink.MAV_SEVERITY_INFO)
         self._set_armed(False)
@@ -168,22 +168,22 @@ class ArduCopter(Autopilot):
             self.start_mission()
 
     def take_off(self, up_m: float) -> None:
-        """In GUIDED, from the ground, to a height over the origin."""
+        """Take off in GUIDED, from the ground, to a height above the origin."""
         north, east, _ = self.motion.position
         self.guidance.go((north, east, up_m))
         self._takes_off, self._lift_s = True, max(self.now_s, self._armed_s + ARMING_S)
 
     def speed_up(self) -> None:
-        """On the ground in a mode of the sticks: the motors alone, and for a moment it takes itself for flying."""
+        """Speed up the motors on the ground in a mode of the sticks; for a moment the land detector reports flight."""
         self._lift_s = max(self.now_s + STICK_S, self._armed_s + ARMING_S)
 
     def go(self, target: Vector) -> None:
-        """In GUIDED, to a place; on the ground it stays there."""
+        """Fly to a place in GUIDED; on the ground the drone does not move."""
         self._takes_off = False
         self.guidance.go(target)
 
     def follow(self, point: SetPoint) -> None:
-        """In GUIDED in the air, a velocity."""
+        """Follow a velocity, in GUIDED in the air."""
         self._takes_off = False
         self.guidance.set_point = point
 

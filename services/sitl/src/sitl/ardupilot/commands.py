@@ -1,4 +1,4 @@
-"""What ArduCopter does with commands and set-points, and how it answers: its rules, results and reasons."""
+"""How ArduCopter carries out commands and set-points, and how it answers: its rules, results and reasons."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .autopilot import ArduCopter
 from .modes import ROOTED, Mode
 
 FORCE_ARMING = 2989.0
-"""param2 of MAV_CMD_COMPONENT_ARM_DISARM that arms whatever is wrong."""
+"""param2 of MAV_CMD_COMPONENT_ARM_DISARM that arms despite failed checks."""
 _WARNING = int(mavlink.MAV_SEVERITY_WARNING)
 _ABOVE_HOME = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 _ABOVE_SEA = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
@@ -57,7 +57,7 @@ def _arm_disarm(autopilot: ArduCopter, message: Any) -> int:
 
 
 def _takeoff(autopilot: ArduCopter, message: Any) -> int:
-    """To a height above home, armed on the ground; nothing but GUIDED flies it."""
+    """Take off to a height above home, while armed on the ground; only GUIDED flies it."""
     z = float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
     if message.get_type() == "COMMAND_INT" and message.frame not in _ABOVE_HOME:
         return DENIED
@@ -79,7 +79,7 @@ def _takeoff(autopilot: ArduCopter, message: Any) -> int:
 
 
 def _reposition(autopilot: ArduCopter, message: Any) -> int:
-    """In GUIDED, or into it; on the ground nothing follows."""
+    """Fly to a place in GUIDED, or after a change into it; on the ground the drone does not move."""
     changes_mode = bool((whole(message.param2) or 0) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
     if autopilot.mode is not Mode.GUIDED and not changes_mode:
         return DENIED
@@ -92,7 +92,7 @@ def _reposition(autopilot: ArduCopter, message: Any) -> int:
 
 
 def _target(autopilot: ArduCopter, message: Any) -> tuple[float, float, float] | None:
-    """A command's place; None for one that is none. COMMAND_LONG's is above home."""
+    """A command's place; None if it is invalid. COMMAND_LONG's altitude is above home."""
     guidance = autopilot.guidance
     if message.get_type() == "COMMAND_INT":
         latitude, longitude, z, frame = message.x / 1e7, message.y / 1e7, message.z, message.frame
@@ -127,12 +127,12 @@ def _set_mode(autopilot: ArduCopter, number: int) -> int:
 
 
 def _into(mode: Mode) -> Callable[[ArduCopter, Any], int]:
-    """A command that is a mode."""
+    """Make the handler of a command that enters a mode."""
     return lambda autopilot, message: _set_mode(autopilot, mode.custom_mode)
 
 
 def _start_mission(autopilot: ArduCopter, message: Any) -> int:
-    """Into AUTO; armed, the mission goes on there."""
+    """Enter AUTO; if armed, begin or continue the mission there."""
     result = _set_mode(autopilot, Mode.AUTO.custom_mode)
     if result == ACCEPTED and autopilot.armed:
         autopilot.start_mission()
@@ -140,7 +140,7 @@ def _start_mission(autopilot: ArduCopter, message: Any) -> int:
 
 
 def _follow(autopilot: ArduCopter, point: SetPoint | None) -> None:
-    """In GUIDED; on the ground nothing follows. A position is flown to, whatever comes after it."""
+    """Follow a set-point, in GUIDED in the air. A position is flown to without further set-points."""
     if point is None or autopilot.mode is not Mode.GUIDED or autopilot.landed:
         return
     if point.position is not None:
@@ -150,17 +150,17 @@ def _follow(autopilot: ArduCopter, point: SetPoint | None) -> None:
 
 
 def _nothing_to_do(autopilot: ArduCopter, message: Any) -> int:
-    """Accepted, with nothing that a stand-in could do about it."""
+    """Accepted without any effect in the stand-in."""
     return ACCEPTED
 
 
 def _nothing_there(autopilot: ArduCopter, message: Any) -> int:
-    """What a camera, a gimbal or a servo would do, of which there is none."""
+    """Fail a command for a camera, gimbal or servo: the stand-in has none."""
     return FAILED
 
 
 def _change_speed(autopilot: ArduCopter, message: Any) -> int:
-    """Accepted where it is one, with nothing that a stand-in could do about it."""
+    """A speed above 0 is accepted, without any effect in the stand-in."""
     return ACCEPTED if message.param2 > 0 else FAILED
 
 

@@ -1,4 +1,4 @@
-"""The velocity that each of ArduCopter's modes asks for, in metres and seconds, as it flies by default."""
+"""The velocity that each of ArduCopter's modes demands, in metres and seconds, as it flies by default."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ WAYPOINT_M_S3 = 1.0
 REACHED_M = 2.0
 """WPNAV_RADIUS: a place of a mission that is nearer than this is reached."""
 PASSED_M = 3.0
-"""And one where it does not stop."""
+"""The same for a place where it does not stop."""
 REACHED_UP_M = 0.5
 """A takeoff that is nearer than this to its height is over."""
 RETURNED_M = 0.2
-"""A climb or a way of a return that is nearer than this to its end is over."""
+"""A return's climb, or its way home, is over when the drone is nearer than this to its end."""
 STANDS_M_S = 0.2
-"""Slower, braking is over."""
+"""Below this speed braking is over."""
 BRAKING, BRAKING_UP = 0.75, 0.75
-"""So much of its acceleration it brakes with towards a place, and towards a height."""
+"""The shares of its acceleration with which it brakes towards a place, and towards a height."""
 BRAKE_S, BRAKE_M_S2 = 1.5, 0.5
-"""BRAKE loses its speed within that time again and again, but never with less than that."""
+"""BRAKE decelerates by its speed divided by this time, but at least by this."""
 TURNING_RAD_S2 = math.radians(180)
 LOWEST_RETURN_M, LEAST_CLIMB_M = 2.0, 2.5
-"""A return flies no lower, and climbs so much unless it is high enough."""
+"""A return's lowest height, and the least climb that the cone about home leaves it."""
 LEAST_SLOPE = 0.5
-"""A flatter cone about home is none."""
+"""A flatter cone about home is ignored."""
 
 
 class CopterGuidance(Guidance):
@@ -39,16 +39,16 @@ class CopterGuidance(Guidance):
     def __init__(self, origin: Place, parameters: Parameters) -> None:
         super().__init__(origin, parameters)
         self.lands = False
-        """Whether a return has come to its landing."""
+        """Whether a return has begun its landing."""
         self.cruise_m_s: float | None = None
-        """What a mission has changed the speed to."""
+        """The speed that a mission has set."""
         self._brakes = False
         self._return_up_m = 0.0
         self._home_s: float | None = None
         """When a return came to rest above home."""
 
     def limits(self, mode: FlightMode) -> Limits:
-        """Of acceleration and jerk. A return does not turn (WP_YAW_BEHAVIOR)."""
+        """A mode's limits of acceleration and jerk. A return does not turn (WP_YAW_BEHAVIOR)."""
         up = self._m("PILOT_ACCEL_Z" if mode in SINKING else "WPNAV_ACCEL_Z")
         across, jerk = self._m("WPNAV_ACCEL"), self.parameters["PSC_JERK_XY"]
         if mode is Mode.BRAKE:
@@ -59,7 +59,7 @@ class CopterGuidance(Guidance):
         return Limits(across, up, up, jerk, waits=False, turning_rad_s2=turning_rad_s2)
 
     def stop(self) -> None:
-        """Brake, and then stay where that ended."""
+        """Brake, then stay at the place where braking ended."""
         self.set_point = None
         self._brakes = True
 
@@ -68,7 +68,7 @@ class CopterGuidance(Guidance):
         self.set_point, self.target, self._brakes = None, target, False
 
     def start_return(self) -> None:
-        """A return begins: to which height it climbs first."""
+        """Begin a return: compute the height to which it climbs first."""
         here = self.motion.position[2]
         height = max(LOWEST_RETURN_M, self._m("RTL_ALT"), here - self.home_up_m + self._m("RTL_CLIMB_MIN"))
         up_m = self.home_up_m + height
@@ -85,7 +85,7 @@ class CopterGuidance(Guidance):
         return math.hypot(target[0] - here[0], target[1] - here[1]) < REACHED_M
 
     def is_there(self, target: Vector, stops: bool) -> bool:
-        """Whether a place of a mission is reached; where it does not stop, it is on its way round the corner before."""
+        """Whether a mission's place is reached; one without a stop counts earlier, as the path rounds the corner."""
         return math.dist(self.motion.position, target) < (REACHED_M if stops else PASSED_M)
 
     def is_near(self, up_m: float) -> bool:
@@ -93,7 +93,7 @@ class CopterGuidance(Guidance):
         return up_m - self.motion.position[2] < REACHED_UP_M
 
     def wanted_velocity(self, mode: FlightMode, now_s: float) -> Vector:
-        """North, east, up in metres a second."""
+        """The mode's velocity north, east, up in metres per second."""
         if mode in SINKING:
             return 0.0, 0.0, -self._m("PILOT_SPEED_UP")
         if mode is Mode.LAND:
@@ -105,7 +105,7 @@ class CopterGuidance(Guidance):
         return self._stay(Mode.AUTO if mode is Mode.AUTO else Mode.GUIDED)
 
     def _stay(self, mode: FlightMode = Mode.GUIDED) -> Vector:
-        """Towards the target, which is where braking ends."""
+        """Fly to the target; after braking, that is the place where it ended."""
         if self._brakes and self.motion.groundspeed_m_s + abs(self.motion.velocity[2]) > STANDS_M_S:
             return 0.0, 0.0, 0.0
         if self._brakes:
@@ -114,11 +114,11 @@ class CopterGuidance(Guidance):
         return self._towards(self.target, mode)
 
     def _m(self, name: str) -> float:
-        """A parameter in centimetres, in metres."""
+        """A parameter in centimetres, converted to metres."""
         return self.parameters[name] / 100
 
     def _velocity(self, now_s: float) -> Vector:
-        """What a controller asked for; nothing once it was silent for GUID_TIMEOUT."""
+        """The velocity that a controller has set; 0 once it has been silent for GUID_TIMEOUT."""
         point = self.set_point
         if point is None or now_s - point.at_s > self.parameters["GUID_TIMEOUT"]:
             return 0.0, 0.0, 0.0
@@ -145,14 +145,14 @@ class CopterGuidance(Guidance):
         return self.origin.metres_to(self.home.latitude_deg, self.home.longitude_deg)
 
     def _descent_m_s(self) -> float:
-        """WPNAV_SPEED_DN down to LAND_ALT_LOW above home, or LAND_SPEED_HIGH where that is set; then LAND_SPEED."""
+        """WPNAV_SPEED_DN, or LAND_SPEED_HIGH if that is set, down to LAND_ALT_LOW above home; then LAND_SPEED."""
         slow = self._m("LAND_SPEED")
         fast = self._m("LAND_SPEED_HIGH") or self._m("WPNAV_SPEED_DN")
         above_m = self.motion.position[2] - self.home_up_m - self._m("LAND_ALT_LOW")
         return max(slow, min(fast, abs(self._up(-max(0.0, above_m), fast))))
 
     def _towards(self, target: Vector, mode: FlightMode = Mode.GUIDED) -> Vector:
-        """On a straight line, as fast as across, up and down allow together."""
+        """Fly on a straight line, as fast as the horizontal and vertical limits allow together."""
         here = self.motion.position
         north, east, up = target[0] - here[0], target[1] - here[1], target[2] - here[2]
         across, size = math.hypot(north, east), math.hypot(north, east, up)

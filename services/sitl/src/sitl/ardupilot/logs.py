@@ -1,4 +1,4 @@
-"""How ArduPilot speaks the log protocol: disarmed alone, and one request after the other."""
+"""ArduPilot's side of the log protocol: only while disarmed, and one request after the other."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..logs import LogLink
 
 
 class CopterLogLink(LogLink):
-    """What is asked while something is being sent has no answer."""
+    """ArduPilot's log protocol on one link: while it sends data, further requests for a list or data are ignored."""
 
     first = 1
     _has_warned = False

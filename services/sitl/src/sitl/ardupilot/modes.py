@@ -30,5 +30,5 @@ UNPOWERED = frozenset({Mode.STABILIZE, Mode.ACRO})
 SINKING = frozenset({Mode.ALT_HOLD, Mode.LOITER, Mode.POSHOLD})
 """The throttle stick is the climb: at the bottom it descends."""
 ROOTED = frozenset({Mode.LOITER, Mode.POSHOLD})
-"""It takes a takeoff, and the stick at the bottom keeps it on the ground."""
+"""A takeoff is accepted, but the stick at the bottom keeps the drone on the ground."""
 ARMABLE = frozenset({Mode.STABILIZE, Mode.ACRO, Mode.ALT_HOLD, Mode.GUIDED, Mode.LOITER, Mode.POSHOLD})

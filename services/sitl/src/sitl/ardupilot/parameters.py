@@ -1,4 +1,4 @@
-"""ArduCopter's parameters, and those that stand for the fleet's."""
+"""ArduCopter's parameters, and its counterparts of the fleet's."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ COUNTERPARTS: dict[str, tuple[str, float] | None] = {
     "MPC_XY_VEL_MAX": None,
     "MIS_TAKEOFF_ALT": None,
 }
-"""ArduCopter's parameter for one of the fleet's, and its unit in PX4's; None: it flies no faster than it cruises, and
-every takeoff names its height."""
+"""ArduCopter's parameter for one of the fleet's, and the factor from PX4's unit to its own; None: it flies no faster
+than it cruises, and every takeoff names its height."""
 
 
 def of_fleet(config: DroneConfig) -> dict[str, float]:

@@ -24,7 +24,7 @@ NOMINAL_V = 12.6
 """A 3S lithium polymer battery, for BATT_CAPACITY in mAh."""
 HOVER_W = 350.0
 RADIO = 166
-"""Of ardupilotmega.xml: what a SiK radio says of itself."""
+"""RADIO of ardupilotmega.xml, the status of a SiK radio."""
 SILENT = frozenset(
     getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "GPS2_RAW")
 )
@@ -41,7 +41,7 @@ class _ArduCopter(Personality[ArduCopter]):
     unsigned = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS, RADIO})
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
-        """Nothing but heartbeats until somebody asks, whatever is chosen: the sets are PX4's."""
+        """Only heartbeats until others are requested, whatever is chosen: the sets are PX4's."""
         return {name: 1.0 if name == "HEARTBEAT" else 0.0 for name in CopterTelemetry.makers}
 
     def parameters(self, config: DroneConfig) -> Parameters:

@@ -1,4 +1,4 @@
-"""The mission protocol as ArduCopter speaks it (MissionItemProtocol.cpp); its mission's item 0 is home."""
+"""ArduCopter's side of the mission protocol (MissionItemProtocol.cpp); its mission's item 0 is home."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _OTHERS: Mapping[int, tuple[int, ...]] = {
     mavlink.MAV_CMD_CONDITION_DELAY: (0,),
     mavlink.MAV_CMD_DO_SET_SERVO: (0, 1),
 }
-"""And those without one, of which the stand-in knows some."""
+"""The same for commands without a place, of which the stand-in has some."""
 _OF_LISTS = {
     FENCE: range(mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT, mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION + 1),
     RALLY: range(mavlink.MAV_CMD_NAV_RALLY_POINT, mavlink.MAV_CMD_NAV_RALLY_POINT + 1),
@@ -52,9 +52,9 @@ _OF_LISTS = {
 
 
 class CopterPlanLink(PlanLink):
-    """ArduCopter's side of a transfer: a download needs no order, an upload can be begun anew.
+    """ArduCopter's side of a transfer: items are downloaded in any order, and an upload can be restarted.
 
-    It writes in place: what a broken upload leaves is part of the one list, and part of the other.
+    It writes in place: a broken upload leaves a part of the new list and a part of the old one.
     """
 
     asks_again_s = 1.0
@@ -74,12 +74,12 @@ class CopterPlanLink(PlanLink):
         return mavlink.MAVLink_mission_request_message(*to, seq, kind)
 
     def keep(self, upload: Upload) -> None:
-        """Every item is there by now."""
+        """Every item has been written by now."""
         if upload.kind == MISSION:
             self._say("Flight plan received")
 
     def _write(self, kind: int, items: tuple[Item, ...]) -> None:
-        """Item by item, in the place of what was there; item 0 of a mission is home, whatever was sent."""
+        """Write a list in the place of the old one; item 0 of a mission is home, whatever was sent."""
         kept = [_kept(kind, item) for item in items]
         if kind == MISSION and kept:
             kept[0] = self._home()
@@ -127,7 +127,7 @@ class CopterPlanLink(PlanLink):
         return [items[message.seq].message(partner, message.seq, message.mission_type, False)]
 
     def acknowledged(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
-        """It ends nothing: a download keeps no state."""
+        """Ignored: a download has no state."""
         return []
 
     def clear(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
@@ -146,7 +146,7 @@ class CopterPlanLink(PlanLink):
 
 
 def _refusal(kind: int, item: Item) -> int:
-    """The result of an item; ACCEPTED where ArduCopter takes it."""
+    """The result of an item; ACCEPTED if ArduCopter takes it."""
     if item.frame not in _FRAMES:
         return WRONG_FRAME
     known = item.command in _OF_LISTS.get(kind, ()) if kind != MISSION else item.command in {**_PLACES, **_OTHERS}

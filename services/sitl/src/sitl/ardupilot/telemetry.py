@@ -14,9 +14,9 @@ from .modes import UNPOWERED, Mode
 PRESENT, ENABLED, HEALTHY = 0x5371FC2F, 0x5361FC2F, 0x5771FC2F
 """The sensors of a quadrotor in ArduCopter's simulation (MAV_SYS_STATUS_SENSOR) when all is well."""
 COMPASS_RAD = math.radians(0.9)
-"""So far its heading is off in its simulation, which looks just north at first."""
+"""The error of its heading in its simulation, which at first faces exactly north."""
 _STEERED = UNPOWERED | {Mode.ALT_HOLD, Mode.LAND}
-"""Modes in which it does not go anywhere by itself."""
+"""Modes in which it does not fly to a place of its own accord."""
 
 
 class CopterTelemetry(Telemetry):
@@ -52,7 +52,7 @@ class CopterTelemetry(Telemetry):
         )
 
     def _sys_status(self) -> Any:
-        """Without a position PREARM_CHECK alone is unhealthy."""
+        """Without a position, only PREARM_CHECK is unhealthy."""
         health = HEALTHY if self._ap.healthy else HEALTHY & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         battery = self._ap.battery
         return mavlink.MAVLink_sys_status_message(
@@ -61,7 +61,7 @@ class CopterTelemetry(Telemetry):
         )
 
     def _mission(self) -> Any:
-        """Its item; home is number 0."""
+        """The current item; home is number 0."""
         plans = self._ap.plans
         total = len(plans.mission)
         return mavlink.MAVLink_mission_current_message(min(plans.current, max(0, total - 1)), total)

@@ -1,4 +1,4 @@
-"""Where two recordings of the same cases differ by more than they may."""
+"""Where two recordings of the same cases differ by more than is allowed."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from dataclasses import dataclass
 from .recording import Case, Recording
 
 Range = tuple[float, float]
-"""The least and the greatest of several flights."""
+"""The least and the greatest value of several flights."""
 
 DURATION = 0.10
-"""As a part of the first's."""
+"""The allowed difference of durations, as a part of the larger bound of the first."""
 TOLD_BY_HEARTBEAT = frozenset({"armed", "disarmed", "takeoff to hold", "offboard", "hold"})
 HEARTBEAT_S, SHORT_S = 1.1, 0.35
-"""What a duration may differ by in any case: a heartbeat's time where one tells of the end, else some samples."""
+"""The difference of durations that is always allowed: a heartbeat's interval if one reports the end, else samples."""
 TOTAL, KIND = 0.05, 0.10
-"""Messages and bytes a second, of all kinds together and of each."""
+"""The allowed differences of messages and bytes per second: of all kinds together, and of each kind."""
 FEW_HZ = 0.11
-"""Two messages in the time that is counted."""
+"""Two messages in the counted time."""
 NOISE = 2.0
 """Standard deviations agree within this factor."""
 SPEED, SPEED_M_S = 0.10, 0.3
 HEIGHT_M = 1.0
 CHANGES, FEW_CHANGES = 0.5, 3
-"""As a part: how often a value that is rarely sent changes."""
+"""The allowed difference of how often a rarely sent value changes: as a part, and as a number."""
 FEW_TOLD = 2
-"""Refusals of ten, whose words a datagram more or less may bring late."""
+"""The allowed difference among ten refusals, whose text may arrive a datagram earlier or later."""
 BATTERY_PCT = 4
 CURRENT = 0.10
 DELAY_S = 0.3
@@ -88,7 +88,7 @@ def _streams(name: str, a: list[Case], b: list[Case]) -> Iterator[Fact]:
 
 
 def _words(case: str, name: str, first: list[str], second: list[str]) -> Fact:
-    """Each value of one has to be among the values of the other."""
+    """The two agree if they have at least one value in common."""
     one, other = (" or ".join(dict.fromkeys(words)) for words in (first, second))
     return Fact(case, name, one, other, bool(set(first) & set(second)))
 
@@ -96,7 +96,7 @@ def _words(case: str, name: str, first: list[str], second: list[str]) -> Fact:
 def _numbers(
     case: str, name: str, first: Range | None, second: Range | None, *, relative: float = 0.0, absolute: float = 0.0
 ) -> Fact:
-    """The ranges of all flights have to meet, within the larger allowance."""
+    """The two agree if the ranges of their flights overlap, or are apart by no more than the larger allowance."""
     agrees = (
         first is not None
         and second is not None
@@ -169,7 +169,7 @@ def _number(case: str, key: str, first: Range | None, second: Range | None) -> F
 
 
 _NOTHING = 0.005
-"""A standard deviation below it is none: messages carry hundredths and thousandths."""
+"""The least standard deviation that counts: messages carry hundredths and thousandths."""
 
 
 def _result(case: Case, number: int) -> str:

@@ -1,4 +1,4 @@
-"""Cases of what an autopilot answers: on the ground, to modes, and to requests."""
+"""Cases of an autopilot's answers: on the ground, to modes, and to requests."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _arm_in_land_mode(pilot: Pilot) -> None:
 
 @case(ANSWERS, "refusals in words")
 def _refusals_in_words(pilot: Pilot) -> None:
-    """How many refusals come as STATUSTEXT before their acknowledgement."""
+    """Count the refusals whose STATUSTEXT arrives before the acknowledgement."""
     pilot.set_mode("land")
     pilot.wait(2)
     told = 0
@@ -165,7 +165,7 @@ def _requests(pilot: Pilot) -> None:
 
 @case(ANSWERS, "acknowledgement to heartbeat")
 def _acknowledgement_to_heartbeat(pilot: Pilot) -> None:
-    """How long after an acknowledgement a heartbeat tells the change; the moments are spread over a second."""
+    """Measure how long after an acknowledgement a heartbeat reports the change, at moments spread over a second."""
     delays = []
     for number in range(12):
         mode = "land" if pilot.rests else pilot.manners.rest

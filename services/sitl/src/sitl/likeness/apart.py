@@ -1,4 +1,4 @@
-"""Where the stand-in stays apart from an autopilot, which cases are not flown with it, and why."""
+"""Where the stand-in differs from an autopilot for good, which cases are not flown with it, and why."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ OF_ITSELF: dict[str, tuple[str, ...]] = {
         "An offboard attitude is flown as a velocity.",
     ),
 }
-"""By family, what no case tells."""
+"""By family, the differences that no case shows."""
 
 
 def reason(like: str, case: str, name: str) -> str | None:
-    """Why a fact stays apart; None for one that has to agree."""
+    """Why a fact may differ; None for one that has to agree."""
     return next((why for (at, what), why in APART[like].items() if at == case and name.startswith(what)), None)
 
 

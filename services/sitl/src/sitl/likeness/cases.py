@@ -1,4 +1,4 @@
-"""The cases: what is done to an autopilot to see how it answers; each begins disarmed, on the ground and at rest."""
+"""The cases: procedures that show how an autopilot answers; each begins disarmed, on the ground and at rest."""
 
 from __future__ import annotations
 

@@ -23,12 +23,12 @@ TELLING = frozenset(
         *("HOME_POSITION", "MISSION_CURRENT"),
     }
 )
-"""What a flight is followed by; the others take most of the time of a simulated one."""
+"""The messages by which a flight is followed; all others would take most of the time of a simulated flight."""
 
 
 @dataclass(frozen=True)
 class Heard:
-    """A message, when it came in seconds, its size on the wire in bytes, its kind, and the system that sent it."""
+    """A received message: its arrival in seconds, size on the wire in bytes, kind, and the system that sent it."""
 
     at_s: float
     message: Any
@@ -38,27 +38,27 @@ class Heard:
 
 
 class Channel(Protocol):
-    """A link to one autopilot with the clock that its messages are timed by."""
+    """A link to one autopilot, with the clock that times its messages."""
 
     @property
     def now_s(self) -> float: ...
 
     def close(self) -> None:
-        """Nothing is sent or received after it."""
+        """Close the link: nothing is sent or received any more."""
         ...
 
     def attend(self, everything: bool) -> None:
-        """Whether every message is of interest from now on, or only those in TELLING."""
+        """Receive every message from now on, or only those in TELLING."""
 
     def send(self, message: Any) -> None: ...
 
     def listen(self, seconds: float) -> Iterator[Heard]:
-        """What comes within so many seconds, as it comes."""
+        """Yield the messages of the next `seconds`, as they arrive."""
         ...
 
 
 class UdpChannel:
-    """A link over UDP on loopback, in real time; without the autopilot's port to whoever sends to the own one."""
+    """A link over UDP on loopback, in real time; without the autopilot's port, to the last sender to the own one."""
 
     def __init__(self, port: int | None, own_port: int = 0) -> None:
         self._learns = port is None
@@ -80,7 +80,7 @@ class UdpChannel:
         self._socket.close()
 
     def attend(self, everything: bool) -> None:
-        """All comes in any case."""
+        """Ignored: every message is received."""
 
     def send(self, message: Any) -> None:
         if self._to is None:
@@ -103,8 +103,8 @@ class UdpChannel:
 
 
 def heard_in(at_s: float, datagram: bytes) -> Iterator[Heard]:
-    """The messages in a datagram that came at a time."""
-    parser = mavlink.MAVLink(None)  # a new one each time: frames do not go on from one datagram to the next
+    """The messages of a datagram that arrived at `at_s`."""
+    parser = mavlink.MAVLink(None)  # a new one each time: no frame spans two datagrams
     parser.robust_parsing = True
     for message in parser.parse_buffer(datagram) or ():
         if message.get_type() != "BAD_DATA":
@@ -112,7 +112,7 @@ def heard_in(at_s: float, datagram: bytes) -> Iterator[Heard]:
 
 
 def _heard(at_s: float, message: Any) -> Heard:
-    """Of a parsed message; of one that pymavlink does not know, by its frame."""
+    """A parsed message as received; one that pymavlink does not know is named by its frame."""
     frame = message.get_msgbuf()
     if frame[0] != mavlink.PROTOCOL_MARKER_V2:
         return Heard(at_s, message, len(frame), message.get_type(), frame[3])

@@ -1,4 +1,4 @@
-"""What `sitl record` and `sitl compare` do."""
+"""The work of `sitl record` and `sitl compare`."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def subject(
 
 
 def record_into(path: Path, flown: Subject, names: list[str], say: Say) -> None:
-    """Fly the cases, all that apply without names, and write each down once it is over, beside what the file has.
+    """Fly the named cases, or all that apply, and add each to the file once it is over.
 
-    Raises SitlError before anything flies where a name, or the file, cannot be.
+    Raises SitlError before the first flight if a name, or the file, cannot be used.
     """
     like = flown.manners.name
     for name in names:
@@ -69,7 +69,7 @@ def record_into(path: Path, flown: Subject, names: list[str], say: Say) -> None:
 
 
 def compare_with(first: Path | None, second: Path | None, write: Path | None, say: Say) -> list[str]:
-    """What differs, a line each; what is known to stay apart is none of it."""
+    """The facts that differ, a line each; with the stand-in as the second, without those listed in `apart`."""
     recording = load(first or RECORDINGS / "px4-main.json")
     other = load(second) if second is not None else stand_in(recording.cases, recording.like)
     if other.like != recording.like:

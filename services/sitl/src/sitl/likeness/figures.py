@@ -13,7 +13,7 @@ from .channel import Heard
 
 
 def of(heard: Sequence[Heard]) -> dict[str, float]:
-    """Standard deviations about a straight line, and how often values that are rarely sent change."""
+    """Standard deviations about a straight line, and how often rarely sent values change."""
     positions = _of_kind(heard, "GLOBAL_POSITION_INT")
     local = _of_kind(heard, "LOCAL_POSITION_NED")
     found = {
@@ -35,7 +35,7 @@ def of(heard: Sequence[Heard]) -> dict[str, float]:
 
 
 def streams(heard: Sequence[Heard]) -> dict[str, tuple[float, float]]:
-    """Rates and sizes by kind, in the autopilot's own seconds; answers are no stream."""
+    """Rates and mean sizes by kind, in the autopilot's own seconds; answers are left out."""
     clock = [one.message.time_boot_ms for one in heard if one.message.get_type() == "ATTITUDE"]
     seconds = (clock[-1] - clock[0]) / 1000 * len(clock) / (len(clock) - 1)
     counts: Counter[str] = Counter()
@@ -76,7 +76,7 @@ def _of_kind(heard: Sequence[Heard], kind: str) -> list[Any]:
 
 
 def _about_line(values: Sequence[float], circle: float | None = None) -> float:
-    """The standard deviation about the line through them; on a circle, of the way around from the first."""
+    """The standard deviation about the regression line; on a circle, of the distance around from the first value."""
     if circle is not None:
         values = [(value - values[0] + circle / 2) % circle for value in values]
     if len(values) < 3:

@@ -40,7 +40,7 @@ def _return_from_near(pilot: Pilot) -> None:
 
 @case(FLIGHTS, "return at the height of flight")
 def _return_at_flight_height(pilot: Pilot) -> None:
-    """As the experiments fly: it returns at the height of flight, and the fleet's speed is 12 m/s."""
+    """Fly as the experiments do: return at the height of flight, at the fleet's speed of 12 m/s."""
     before = {name: pilot.parameter(name) for name in pilot.manners.experiments}
     for name, value in pilot.manners.experiments.items():
         pilot.set_parameter(name, value)

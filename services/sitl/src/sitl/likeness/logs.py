@@ -1,4 +1,4 @@
-"""A case of the log protocol: how an autopilot lists its logs, gives bytes of one, and what it does armed."""
+"""A case of the log protocol: how an autopilot lists its logs, sends bytes of one, and answers while armed."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .procedures import Procedures, case
 
 LOGS: Procedures = {}
 ANSWER_S, ARMED_S = 2.0, 0.8
-"""Armed for longer, PX4 takes itself for flying."""
+"""How long answers are awaited; armed for longer than ARMED_S, PX4 detects a flight."""
 WRITTEN_S = 5.0
-"""By default an autopilot writes a log while it is armed: so long, and so long until it has closed it."""
+"""By default an autopilot writes a log while it is armed: for this long, and it has as long to close it."""
 ALL, BYTES = 0xFFFF, 90
 
 
 @case(LOGS, "logs listed and read")
 def _listed_and_read(pilot: Pilot) -> None:
-    """What is asked and answered is in the case as commands; sizes and times are each autopilot's own."""
+    """Requests and answers are recorded as commands; sizes and times are each autopilot's own."""
     _arm(pilot)
     pilot.wait(WRITTEN_S)
     _disarm(pilot)
@@ -66,7 +66,7 @@ def _data(pilot: Pilot, number: int, offset: int, count: int) -> Any:
 def _ask(
     pilot: Pilot, what: str, message: Any, named: dict[int, str] | None = None, seconds: float = ANSWER_S
 ) -> list[Any]:
-    """What comes within a while: whether the list is whole and from which number, or how long each LOG_DATA is."""
+    """Record the answer: whether the list is whole and its first number, or how long each LOG_DATA is."""
     entries: list[Any] = []
     counts: list[int] = []
 

@@ -1,4 +1,4 @@
-"""How an autopilot is spoken to: its modes' numbers, the meaning of altitudes, its parameters' encoding."""
+"""How to talk to an autopilot: its modes' numbers, the meaning of altitudes, its parameters' encoding."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ..px4.parameters import SPECS
 class Manners:
     """One family of autopilots; `modes` are its custom_mode numbers by name, `parameters` those that are recorded.
 
-    `rest` is the mode in which it waits, on the ground and after a takeoff; `brake` the one that stops it, None where
-    that is a reposition. `unused` is what a parameter has that says nothing. `asks`: what has to be asked for, in Hz.
-    `on_ground` and `in_air` are the modes to be tried, `odd_modes` what is no mode, as DO_SET_MODE's parameters.
-    `mission` is the mode that flies a mission, whose first item is home where it `has_home_item`.
-    `experiments` are the parameters with which the experiments fly, `a_float` and `a_whole` one of each kind.
-    `first_log` is the number with which its logs begin.
+    `rest` is the mode in which it waits, on the ground and after a takeoff; `brake` the one that stops it, None if a
+    reposition does. `unused` is the value of an unused command parameter. `asks` are the messages that it sends only on
+    request, in Hz. `on_ground` and `in_air` are the modes to try, `odd_modes` invalid ones as DO_SET_MODE's parameters.
+    `mission` is the mode that flies a mission, whose first item is home if `has_home_item`.
+    `experiments` are the parameters with which the experiments fly, `a_float` and `a_whole` one of each type.
+    `first_log` is the number of its first log.
     """
 
     name: str
@@ -87,7 +87,7 @@ class Px4Manners(Manners):
 
 
 class CopterManners(Manners):
-    """ArduCopter: modes are numbers, a takeoff's height is above home, and NaN ends it."""
+    """ArduCopter: modes are numbers, a takeoff's height is above home, and NaN crashes it."""
 
     def mode_params(self, mode: str) -> Sequence[float]:
         return (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, self.modes[mode])
@@ -101,7 +101,7 @@ BY_REQUEST = {
     **dict.fromkeys(("GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE"), 10.0),
     **{"SYS_STATUS": 2.0, "BATTERY_STATUS": 1.0, "HOME_POSITION": 0.5},
 }
-"""What a flight is followed by, in Hz, on a link that says nothing by itself."""
+"""The messages by which a flight is followed, in Hz, on a link that sends them only on request."""
 _TRIED = ("position", "altitude", "stabilized", "manual", "acro", "mission", "offboard", "takeoff", "hold")
 PX4 = Px4Manners(
     name="px4",

@@ -31,7 +31,7 @@ def _idle_normal(pilot: Pilot) -> None:
 
 @case(MESSAGES, "unasked", counts=True)
 def _unasked(pilot: Pilot) -> None:
-    """The messages that it sends by itself, beside ATTITUDE, which is the clock."""
+    """The messages that it sends without a request, besides ATTITUDE, which is the clock."""
     for name in pilot.manners.asks.keys() - {"ATTITUDE"}:
         pilot.unask(name)
     pilot.wait(1)

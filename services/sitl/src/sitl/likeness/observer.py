@@ -1,4 +1,4 @@
-"""Hears one link to an autopilot: what is known of it, until when something holds, and the facts of a case."""
+"""Observes one link to an autopilot: its latest state, waits for conditions, and the facts of a case."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from .manners import Manners
 from .recording import Case
 
 PATIENCE = 5.0
-"""So many times slower than the wall's clock an autopilot's may be."""
+"""How many times slower than the wall clock an autopilot's clock may be."""
 _CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED")
 LANDED = {0: "undefined", 1: "on_ground", 2: "in_air", 3: "takeoff", 4: "landing"}
 
 
 class Timeout(Exception):
-    """What a case waited for did not come: the case cannot be recorded."""
+    """A case has waited in vain for a condition: it cannot be recorded."""
 
 
 class Observer(ABC):
-    """One link to an autopilot, what was last heard on it, and the facts of the case that is flown."""
+    """One link to an autopilot, the last message of each kind on it, and the facts of the present case."""
 
     def __init__(self, channel: Channel, manners: Manners, system: int) -> None:
         self._channel = channel
@@ -41,7 +41,7 @@ class Observer(ABC):
 
     @abstractmethod
     def _send_what_is_due(self, now_s: float) -> None:
-        """What an autopilot has to hear again and again, at a time of the channel."""
+        """Send the repeated messages that are due at a time of the channel's clock."""
 
     # -- what is known ------------------------------------------------------------------------------------------
 
@@ -52,7 +52,7 @@ class Observer(ABC):
 
     @property
     def _clock_s(self) -> float:
-        """The autopilot's own clock, for a simulation on a busy machine is slower than the wall's."""
+        """The autopilot's own clock: a simulation on a busy machine is slower than the wall clock."""
         return self._channel.now_s if self._boot_s is None else self._boot_s
 
     @property
@@ -76,7 +76,7 @@ class Observer(ABC):
 
     @property
     def position(self) -> tuple[float, float, float]:
-        """North, east, up in metres of where the case began."""
+        """Metres north, east and up of the place where the case began."""
         at = self.last["LOCAL_POSITION_NED"]
         origin = self._origin or (0.0, 0.0, 0.0)
         return at.x - origin[0], at.y - origin[1], -at.z - origin[2]
@@ -104,11 +104,11 @@ class Observer(ABC):
         return None if at is None else (at.x, at.y, -at.z)
 
     def track(self) -> None:
-        """From now on write down the position once a second."""
+        """Record the position once per second from now on."""
         self._track_due_s = self._clock_s
 
     def until(self, name: str, condition: Callable[[], bool], limit_s: float) -> None:
-        """Wait for a condition; its duration counts from the last command. Raises Timeout."""
+        """Wait for a condition, and record how long after the last command it holds. Raises Timeout."""
         end_s, given_up_s = self._clock_s + limit_s, self._channel.now_s + PATIENCE * limit_s
         while not condition():
             if self._clock_s >= end_s or self._channel.now_s >= given_up_s:
@@ -118,7 +118,7 @@ class Observer(ABC):
             self.case.durations_s[name] = round(self._clock_s - self._commanded_s, 2)
 
     def mark(self) -> None:
-        """Durations count from now on."""
+        """Count durations from now on."""
         self._commanded_s = self._clock_s
 
     def wait(self, seconds: float) -> None:
@@ -127,7 +127,7 @@ class Observer(ABC):
             self._listen(min(0.1, left_s))
 
     def collect(self, seconds: float) -> list[Heard]:
-        """Everything that comes meanwhile."""
+        """Wait for `seconds`, and return every message received meanwhile."""
         heard: list[Heard] = []
         tap = heard.append
         self.tap(tap)
@@ -136,7 +136,7 @@ class Observer(ABC):
         return heard
 
     def tap(self, take: Callable[[Heard], None]) -> None:
-        """Give it everything that is heard from now on."""
+        """Pass every message received from now on to `take`."""
         self._taps.append(take)
 
     def untap(self, take: Callable[[Heard], None]) -> None:

@@ -1,4 +1,4 @@
-"""Writes into pages, each between its markers: the streams, two recordings' facts, and what stays apart of them."""
+"""Writes tables between a page's markers: the streams, two recordings' facts, and their lasting differences."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ APART = {
 }
 """By family."""
 ASKED_FOR = ("BATTERY_STATUS", "GLOBAL_POSITION_INT", "VFR_HUD")
-"""What the ground station asks for at 1 Hz in five-states, beside the heartbeats."""
+"""The messages that the ground station requests at 1 Hz in five-states, besides the heartbeats."""
 _IN_WORDS = ("acknowledgement", "armed", "mode", "landed_state")
 
 
 def write(path: Path, first: Recording, second: Recording) -> None:
-    """Put the tables that a page has where the last ones were. Raises SitlError for a page without markers."""
+    """Replace the tables between a page's markers. Raises SitlError for a page without markers."""
     try:
         text = path.read_text(encoding="utf-8")
         facts = compare(first, second)
@@ -66,7 +66,7 @@ def streams() -> str:
 
 
 def likeness(first: Recording, second: Recording, facts: Sequence[Fact]) -> str:
-    """Markdown: a row per case, a line in it per number; what agrees in words, or in rate and size, is counted."""
+    """Markdown: a row per case, a line in it per number; words, rates and sizes that agree are only counted."""
     lines = [f"| case | what | {first.autopilot} | {second.autopilot} |", "|---|---|---|---|"]
     for case in dict.fromkeys(fact.case for fact in facts):
         lines.append(_row(case, [fact for fact in facts if fact.case == case]))

@@ -1,4 +1,4 @@
-"""Flies an autopilot: sends commands and set-points, and asks for what has to be asked for."""
+"""Flies an autopilot: sends commands, set-points and requests for messages."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .manners import Manners
 from .observer import PATIENCE, Observer, Timeout
 
 ANSWER_S = 1.5
-"""An autopilot that has not answered by then does not answer."""
+"""A command without an answer by then counts as unanswered."""
 SECOND_ANSWER_S = 0.1
 """PX4 answers some commands twice."""
 HEARTBEAT_S = 1.0
 ASKS_S = 1.0
-"""How often is asked for messages that do not come."""
+"""The interval at which missing messages are requested."""
 RESULTS = {n: entry.name.removeprefix("MAV_RESULT_").lower() for n, entry in mavlink.enums["MAV_RESULT"].items()}
 RESULTS[9] = "command_unsupported_mav_frame"
 CURRENT = 0x7FFFFFFF
@@ -27,14 +27,14 @@ NAN = math.nan
 
 
 class Pilot(Observer):
-    """Commands an autopilot, over the link on which it is heard. One that `greets` sends heartbeats."""
+    """Commands an autopilot, over the link on which it is observed. One that `greets` sends heartbeats."""
 
     def __init__(self, channel: Channel, manners: Manners, system: int, *, greets: bool = True) -> None:
         super().__init__(channel, manners, system)
         self._heartbeat_due_s = -math.inf if greets else math.inf
         self._asks_due_s = -math.inf
         self.repeat: Callable[[], None] | None = None
-        """Called ten times a second while it listens: a stream of set-points."""
+        """Called ten times per second while it listens: a stream of set-points."""
         self._repeat_due_s = -math.inf
 
     def _send_what_is_due(self, now_s: float) -> None:
@@ -49,7 +49,7 @@ class Pilot(Observer):
             self.repeat()
 
     def command(self, name: str, number: int, *params: float) -> str | None:
-        """COMMAND_LONG; its result, None where nothing answers."""
+        """Send COMMAND_LONG; returns its result, None if there is no answer."""
         seven = [*params, *[0.0] * (7 - len(params))]
         return self._ask(name, mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *seven))
 
@@ -73,7 +73,7 @@ class Pilot(Observer):
         return self.command("land", mavlink.MAV_CMD_NAV_LAND, *[self.manners.unused] * 7)
 
     def rest(self) -> str | None:
-        """Into the mode in which it waits."""
+        """Enter the mode in which it waits."""
         return self.set_mode(self.manners.rest)
 
     @property
@@ -86,7 +86,7 @@ class Pilot(Observer):
     def goto(
         self, north_m: float, east_m: float, up_m: float, name: str = "goto", frame: int = mavlink.MAV_FRAME_GLOBAL_INT
     ) -> str | None:
-        """To metres of where the case began, by DO_REPOSITION; its altitude is above mean sea level whatever the frame.
+        """Fly to metres from where the case began, by DO_REPOSITION; its altitude is AMSL whatever the frame.
 
         PX4 main refused every other frame for a while.
         """
@@ -100,7 +100,7 @@ class Pilot(Observer):
         )
 
     def stop_here(self) -> str | None:
-        """The mode that does it, or DO_REPOSITION to the place where it is."""
+        """Stop by the mode for that, or by DO_REPOSITION to the present place."""
         if self.manners.brake is not None:
             return self.set_mode(self.manners.brake)
         return self.command_int(
@@ -117,20 +117,20 @@ class Pilot(Observer):
         )
 
     def begin_mission(self) -> str | None:
-        """On the ground a mission may have to be told to begin: a mode alone waits for a stick there."""
+        """Send MISSION_START: on the ground the mode alone may wait for a stick."""
         return self.command("mission start", mavlink.MAV_CMD_MISSION_START)
 
     def ask(self) -> None:
-        """For the messages that an autopilot does not send by itself."""
+        """Request the messages that the autopilot sends only on request."""
         for name, hz in self.manners.asks.items():
             self.ask_for(name, hz)
 
     def ask_for(self, name: str, hz: float) -> None:
-        """A message that it does not say by itself."""
+        """Request a message at a rate."""
         self._ask_interval(name, 1e6 / hz)
 
     def unask(self, name: str) -> None:
-        """A message as often as the autopilot sends it by itself."""
+        """Set a message back to the autopilot's default rate."""
         self._ask_interval(name, 0.0)
 
     def _ask_interval(self, name: str, interval_us: float) -> None:
@@ -138,7 +138,7 @@ class Pilot(Observer):
         self.send(mavlink.MAVLink_command_long_message(self.system, 1, *wanted))
 
     def velocity(self, north: float, east: float, down: float) -> None:
-        """One set-point for offboard control."""
+        """Send one set-point for offboard control, in metres per second."""
         mask = 0b1111_1100_0111
         self._channel.send(
             mavlink.MAVLink_set_position_target_local_ned_message(
@@ -164,7 +164,7 @@ class Pilot(Observer):
         return None
 
     def set_parameter(self, name: str, value: float) -> None:
-        """Raises Timeout unless the autopilot reports that value afterwards."""
+        """Set a parameter. Raises Timeout unless the autopilot reports that value afterwards."""
         for _ in range(5):
             self.send(
                 mavlink.MAVLink_param_set_message(self.system, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32)

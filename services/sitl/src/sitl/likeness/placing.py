@@ -1,4 +1,4 @@
-"""The side channel of a real autopilot: it is flown into the state that is asked for, over its witness's link."""
+"""The side channel of a real autopilot, which is flown into the requested state over its witness's link."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from .procedures import FLIGHT_S, up
 
 EXPECTED = '{"set": {"armed": true or false, "altitude_m": metres above home from 0 to 1000}}'
 AGAIN_S = 3.0
-"""What an autopilot refused, or did not hear, is commanded again after so long."""
+"""The interval at which a refused or lost command is repeated."""
 READY_S = 90.0
-"""Behind a landing its estimator may have to agree anew before it arms."""
+"""After a landing its estimator may have to converge again before it arms."""
 AT_HOME_M = 3.0
 """From farther away it returns before it lands."""
 _LISTENS_S = 0.2
 
 
 class WitnessChannel:
-    """What a witness hears and whom it talks to, in real time: a channel for a pilot in a thread of its own."""
+    """A witness's link in real time, as a channel for a pilot in a thread of its own."""
 
     def __init__(self, watching: Watching) -> None:
         self._watching = watching
@@ -46,12 +46,12 @@ class WitnessChannel:
         return time.monotonic()
 
     def close(self) -> None:
-        """Whoever listens ends with SitlError."""
+        """Close the link; `listen` raises SitlError then."""
         self._closed.set()
         self._watching.taps.remove(self._heard.put)
 
     def attend(self, everything: bool) -> None:
-        """All comes in any case."""
+        """Ignored: every message is received."""
 
     def send(self, message: Any) -> None:
         self._watching.send(message.pack(self._codec))
@@ -78,7 +78,7 @@ class Placing:
         self._turn = asyncio.Lock()
 
     async def answer(self, request: Any) -> dict[str, Any]:
-        """Its state once it is as was asked for; raises SitlError where it does not come about."""
+        """Reach the requested state and return it. Raises SitlError if that fails."""
         armed, altitude_m = _wanted(request)
         async with self._turn:
             channel = WitnessChannel(self._watching)
@@ -93,7 +93,7 @@ class Placing:
 
 
 def put(pilot: Pilot, armed: bool, altitude_m: float) -> None:
-    """On the ground at home, at rest, then armed or in the air as asked for. Raises Timeout."""
+    """Bring the drone to the ground at home, at rest; then arm it, and fly it to `altitude_m`. Raises Timeout."""
     pilot.begin(everything=False)
     _insist(pilot, "disarmed", lambda: not pilot.armed, lambda: _bring_down(pilot), FLIGHT_S)
     _insist(pilot, pilot.manners.rest, lambda: pilot.rests, pilot.rest, AGAIN_S * 4)
@@ -118,7 +118,7 @@ def _bring_down(pilot: Pilot) -> None:
 
 
 def _insist(pilot: Pilot, name: str, is_so: Callable[[], bool], command: Callable[[], object], limit_s: float) -> None:
-    """Command until it is so. Raises Timeout, also where the autopilot is silent and its clock with it."""
+    """Repeat a command until `is_so`. Raises Timeout, also if the autopilot is silent and so its clock stands still."""
     end_s, given_up_s = pilot.now_s + limit_s, time.monotonic() + PATIENCE * limit_s
     while not is_so():
         command()

@@ -19,13 +19,13 @@ RESULTS = {
 }
 _LISTS = {MISSION: "", FENCE: "fence ", RALLY: "rally "}
 SILENT_S = 1.5
-"""An item that is not asked for again within that time is not waited for."""
+"""An upload is abandoned once no item was requested for this time."""
 _REQUESTS = ("MISSION_REQUEST", "MISSION_REQUEST_INT")
 _ANSWERS = ("MISSION_ACK", "MISSION_COUNT", "MISSION_ITEM_INT", *_REQUESTS)
 
 
 class Planner:
-    """One side of the protocol, over a pilot's link. What is asked and answered is in the pilot's case, as commands."""
+    """One side of the protocol, over a pilot's link. Requests and answers are recorded in its case as commands."""
 
     def __init__(self, pilot: Pilot) -> None:
         self._pilot = pilot
@@ -34,7 +34,7 @@ class Planner:
         self.reached = -1
 
     def follow(self) -> None:
-        """From now on write down which item is current, and which was reached."""
+        """Record from now on which item is current, and which was reached."""
         self.current, self.reached = 0, -1
         if self._pilot.manners.asks:
             self._pilot.ask_for("MISSION_CURRENT", 1.0)
@@ -52,7 +52,7 @@ class Planner:
                 self._pilot.case.events.append((round(self._pilot.now_s, 2), name, str(heard.message.seq)))
 
     def abandon(self, kind: int = MISSION) -> None:
-        """Cancel an upload, and wait until nothing of it is asked for any more; some autopilots do not hear that."""
+        """Cancel an upload, and wait until no item is requested any more; some autopilots ignore the cancellation."""
         self.send(mavlink.MAVLink_mission_ack_message(*self._to, mavlink.MAV_MISSION_OPERATION_CANCELLED, kind))
         while any(heard.kind in _REQUESTS for heard in self._pilot.collect(SILENT_S)):
             pass
@@ -61,7 +61,7 @@ class Planner:
         self._pilot.send(message)
 
     def ask(self, name: str, message: Any) -> Any:
-        """Send, and write down what is answered first; None where nothing is."""
+        """Send a message; record and return the first answer, None without one."""
         answers: list[Any] = []
 
         def take(heard: Heard) -> None:
@@ -86,7 +86,7 @@ class Planner:
         return self.ask(f"item {seq}", item.message(self._to, seq, kind, seq == 0))
 
     def upload(self, items: Sequence[Item], kind: int = MISSION) -> None:
-        """As it should be; raises Timeout where the list is not taken."""
+        """Upload a list correctly. Raises Timeout if it is not accepted."""
         answer = self.count(len(items), kind)
         for seq, item in enumerate(items):
             answer = self.item(item, seq, kind)
@@ -94,7 +94,7 @@ class Planner:
             raise Timeout(f"upload of {len(items)} items: {self._pilot.case.acks[-1]}")
 
     def list(self, kind: int = MISSION) -> int:
-        """Ask for a list; how many items it has."""
+        """Request a list, and return its number of items."""
         answer = self.ask("list", mavlink.MAVLink_mission_request_list_message(*self._to, kind))
         return int(answer.count) if answer is not None and answer.get_type() == "MISSION_COUNT" else 0
 
@@ -102,12 +102,12 @@ class Planner:
         return self.ask(f"want {seq}", mavlink.MAVLink_mission_request_int_message(*self._to, seq, kind))
 
     def end(self, kind: int = MISSION) -> None:
-        """A download is over."""
+        """Acknowledge a finished download."""
         self.send(mavlink.MAVLink_mission_ack_message(*self._to, mavlink.MAV_MISSION_ACCEPTED, kind))
         self._pilot.wait(0.2)
 
     def download(self, sent: Sequence[Item], kind: int = MISSION) -> None:
-        """Read a list back, and write down which fields of its items are others than were sent."""
+        """Read a list back, and record the fields of its items that differ from those sent."""
         for seq in range(self.list(kind)):
             found = self.want(seq, kind)
             if found is None or found.get_type() != "MISSION_ITEM_INT":
@@ -136,7 +136,7 @@ def _said(answer: Any) -> str | None:
 
 
 def _differences(sent: Item, found: Item) -> list[tuple[str, float, float]]:
-    """The fields that came back as something else, -1 standing for a float that is no number."""
+    """The fields that came back changed; -1 stands for NaN and infinities."""
     fields: list[tuple[str, float, float]] = [
         ("frame", sent.frame, found.frame),
         ("command", sent.command, found.command),

@@ -21,7 +21,7 @@ END_S = 20.0
 
 
 def _place(pilot: Pilot, command: int, north_m: float, east_m: float, up_m: float, *params: float) -> Item:
-    """An item with a place in metres of where the drone is."""
+    """An item with a place, in metres from the drone."""
     here = pilot.last["GLOBAL_POSITION_INT"]
     metre = 180e7 / (math.pi * 6_371_000.0)
     x, y = here.lat + north_m * metre, here.lon + east_m * metre / math.cos(math.radians(here.lat / 1e7))
@@ -101,7 +101,7 @@ def _up_and_down(pilot: Pilot) -> None:
 
 @case(PLANS, "plans refused")
 def _refused(pilot: Pilot) -> None:
-    """Lists that cannot be, and what is out of turn."""
+    """Invalid lists, and messages out of turn."""
     planner, good = Planner(pilot), _mission(pilot)
     planner.upload(good)
     planner.want(0)
@@ -138,7 +138,7 @@ def _refused(pilot: Pilot) -> None:
 
 @case(PLANS, "an upload that stands still")
 def _standing_still(pilot: Pilot) -> None:
-    """How often an item is asked for again, for how long, and what there is afterwards."""
+    """How often and how long an item is requested again, and which list there is afterwards."""
     planner, good = Planner(pilot), _mission(pilot)
     planner.upload(good[:2])
     planner.count(4)

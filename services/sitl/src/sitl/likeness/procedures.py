@@ -1,4 +1,4 @@
-"""What a case is, and the steps that several of them have in common."""
+"""The definition of a case, and the steps that several cases have in common."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ HEIGHT_M = 10.0
 FLIGHT_S = 120.0
 """Longer than any step of a flight takes."""
 SPOOL_UP_S = 1.5
-"""An autopilot lets its motors speed up first: so long after arming that is over."""
+"""The time after arming until the motors have sped up."""
 
 
 @dataclass(frozen=True)
 class Procedure:
-    """A case by name, and on which of the autopilot's links it is flown."""
+    """A case, and on which of the autopilot's links it is flown."""
 
     fly: Callable[[Pilot], None]
     link: str = "onboard"
     counts: bool = False
-    """Whether every message is of interest, not only those that tell the state."""
+    """Whether every message is of interest, not only those that report the state."""
 
 
 Procedures = dict[str, Procedure]
@@ -30,7 +30,7 @@ Procedures = dict[str, Procedure]
 def case(
     among: Procedures, name: str, link: str = "onboard", *, counts: bool = False
 ) -> Callable[[Callable[[Pilot], None]], None]:
-    """Enter a function among the cases of a module."""
+    """Register the decorated function among a module's cases."""
 
     def enter(fly: Callable[[Pilot], None]) -> None:
         among[name] = Procedure(fly, link, counts)
@@ -39,14 +39,14 @@ def case(
 
 
 def arm(pilot: Pilot) -> None:
-    """Armed, its motors at their speed."""
+    """Arm, and wait until the motors have sped up."""
     pilot.arm()
     pilot.until("armed", lambda: pilot.armed, 10)
     pilot.wait(SPOOL_UP_S)
 
 
 def up(pilot: Pilot, height_m: float = HEIGHT_M) -> None:
-    """Armed and hovering."""
+    """Arm, take off and hover."""
     arm(pilot)
     pilot.takeoff(height_m)
     pilot.until("takeoff half way", lambda: pilot.position[2] > height_m / 2, FLIGHT_S)
@@ -56,14 +56,14 @@ def up(pilot: Pilot, height_m: float = HEIGHT_M) -> None:
 
 
 def down(pilot: Pilot) -> None:
-    """From landing or returning to disarmed; then what becomes of the mode."""
+    """Wait until it has landed and disarmed; then a while for changes of the mode."""
     pilot.until("landed", lambda: pilot.landed, FLIGHT_S)
     pilot.until("disarmed", lambda: not pilot.armed, 30)
     pilot.wait(4)
 
 
 def go(pilot: Pilot, north_m: float) -> None:
-    """Tracked from the ground up, and flown north."""
+    """Track the position, take off and fly north."""
     pilot.track()
     up(pilot)
     pilot.goto(north_m, 0, HEIGHT_M)

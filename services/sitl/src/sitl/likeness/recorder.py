@@ -12,16 +12,16 @@ from .recording import Recording
 from .subjects import Subject, wait_ready
 
 SETTLED_S = 3.0
-"""Between two cases, so that what the one before left is over."""
+"""The pause between two cases, in which the effects of the first end."""
 
 
 def record(
     subject: Subject, names: Iterable[str], done: Callable[[Recording, str], None] = lambda _, __: None
 ) -> Recording:
-    """Fly the cases one after the other on one autopilot, each as it was left by the one before, but at rest.
+    """Fly the cases one after the other on one autopilot, each in the state left by the one before, but at rest.
 
-    `done` hears of each case that is over. Raises Timeout where a case does not get to its end, SitlError where the
-    autopilot does not run.
+    `done` is called after each case. Raises Timeout if a case does not finish, SitlError if the autopilot does not
+    run.
     """
     recording = Recording(subject.described, like=subject.manners.name)
     with subject:
@@ -47,7 +47,7 @@ def record(
 
 
 def _settle(pilot: Pilot) -> None:
-    """Disarmed, on the ground, at rest."""
+    """Bring the autopilot to the ground, disarmed and at rest."""
     pilot.begin(everything=False)
     if pilot.armed:
         pilot.land()

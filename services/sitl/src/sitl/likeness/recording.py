@@ -1,4 +1,4 @@
-"""What was recorded: facts of named cases in JSON, numbers and times only."""
+"""Recordings: facts of named cases in JSON, numbers and times only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import SitlError
 from ..personalities import PERSONALITIES
 
 Event = tuple[float, str, str]
-"""When in seconds since the case began, what (armed, mode, landed_state, text), and which value."""
+"""Seconds since the case began, what changed (armed, mode, landed_state, current, reached), and to which value."""
 
 
 @dataclass
@@ -20,32 +20,32 @@ class Case:
     """The facts of one case; times in seconds, rates in Hz, sizes in bytes."""
 
     acks: list[tuple[str, str | None]] = field(default_factory=list)
-    """Each command and its MAV_RESULT in order; null where nothing answered."""
+    """Each command and its MAV_RESULT in order; null without an answer."""
     events: list[Event] = field(default_factory=list)
     durations_s: dict[str, float] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     streams: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Of each kind of message: how many a second, and how large on average."""
+    """For each kind of message: its rate in Hz, and its mean size in bytes."""
     track: list[tuple[float, ...]] = field(default_factory=list)
-    """Once a second: time, north, east, up in metres of where the case began."""
+    """Once per second: time, and metres north, east and up of the place where the case began."""
 
 
 @dataclass
 class Recording:
-    """The cases of one autopilot; each as often as it was flown, for no two flights are alike."""
+    """The cases of one autopilot, each with all of its flights, for no two flights are alike."""
 
     autopilot: str
     cases: dict[str, list[Case]] = field(default_factory=dict)
     like: str = "px4"
-    """Its family: the personality that is held to it."""
+    """Its family: the personality that is compared with it."""
 
     def add(self, other: Recording) -> None:
-        """What was flown another time."""
+        """Add the flights of another recording."""
         for name, flights in other.cases.items():
             self.cases.setdefault(name, []).extend(flights)
 
     def text(self) -> str:
-        """JSON, one fact of a flight a line."""
+        """JSON with one fact of a flight per line."""
         cases = []
         for name, flights in sorted(self.cases.items()):
             texts = []
@@ -60,7 +60,7 @@ class Recording:
         )
 
     def save(self, path: Path) -> None:
-        """Replace the file by all of this at once. Raises SitlError."""
+        """Replace the file atomically. Raises SitlError."""
         part = path.with_name(f".{path.name}.part")
         try:
             part.write_text(self.text(), encoding="utf-8")
@@ -71,7 +71,7 @@ class Recording:
 
 
 def load(path: Path) -> Recording:
-    """Read a recording; raises SitlError naming the file and what is wrong with it."""
+    """Read a recording. Raises SitlError naming the file and its defect."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         cases = {name: [_case(facts) for facts in flights] for name, flights in document["cases"].items()}

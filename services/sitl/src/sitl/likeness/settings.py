@@ -18,7 +18,7 @@ HASH = "_HASH_CHECK"
 
 @case(SETTINGS, "parameters read and set")
 def _read_and_set(pilot: Pilot) -> None:
-    """What is asked and answered is in the case as commands; an answer that comes twice is there once."""
+    """Requests and answers are recorded as commands; a repeated answer is recorded once."""
     number, whole = pilot.manners.a_float, pilot.manners.a_whole
     before = {name: pilot.parameter(name) or 0.0 for name in (number, whole)}
     _list(pilot)
@@ -49,7 +49,7 @@ def _list(pilot: Pilot) -> None:
     pilot.send(mavlink.MAVLink_param_request_list_message(pilot.system, 1))
     pilot.until("", is_whole, LIST_S)
     pilot.untap(take)
-    pilot.wait(ANSWER_S)  # what is said twice is behind it
+    pilot.wait(ANSWER_S)  # for repeated values
     pilot.case.acks.append(("list", "a hash first" if heard[0].param_id == HASH else "whole"))
 
 

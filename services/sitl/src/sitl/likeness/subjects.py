@@ -27,14 +27,14 @@ from .manners import ARDUCOPTER, MANNERS, PX4, Manners
 from .pilot import Pilot
 
 STARTED_S = 90.0
-"""A real autopilot's estimator has to agree before it arms."""
+"""A real autopilot's estimator has to converge before it arms."""
 _END_S = 10.0
 PORTS = {"onboard": 14_580, "gcs": 18_570, "normal": 24_580}
-"""Of PX4's instance 0; the last is the recorder's choice."""
+"""The ports of PX4's instance 0; the last is the recorder's choice."""
 CAMERA_LINK = (
     "mavlink start -x -u $udp_onboard_payload_port_local -r 4000 -f -m onboard -o $udp_onboard_payload_port_remote"
 )
-"""A PX4 has six links at the most: this one's place is taken by one with the normal streams, as for a radio."""
+"""A PX4 has at most six links: this one is replaced by one with the normal streams, as for a radio."""
 OWN = 27_000
 """The first of the recorder's own ports."""
 
@@ -57,11 +57,11 @@ class Subject(ABC):
 
     @abstractmethod
     def end(self) -> None:
-        """End what was started."""
+        """End it."""
 
     @abstractmethod
     def check(self) -> None:
-        """Raises SitlError where it has ended by itself."""
+        """Raises SitlError if it has ended of its own accord."""
 
     def __enter__(self) -> Self:
         self._channels = ExitStack()
@@ -75,7 +75,7 @@ class Subject(ABC):
         self.end()
 
     def pilot(self, link: str) -> Pilot:
-        """Who flies it over a link, until the subject is left."""
+        """Make a pilot on a link, which is closed when the subject is left."""
         channel = self.open(link)
         self._channels.callback(channel.close)
         return Pilot(channel, self.manners, self.system)
@@ -94,10 +94,10 @@ class ProcessSubject(Subject):
 
     @abstractmethod
     def command(self) -> list[str]:
-        """How it is started."""
+        """The command line that starts it."""
 
     def environment(self) -> dict[str, str]:
-        """Variables that it starts with, beside the recorder's own."""
+        """Its environment variables besides the recorder's own."""
         return {}
 
     def start(self) -> None:
@@ -121,7 +121,7 @@ class ProcessSubject(Subject):
         self._folder.cleanup()
 
     def check(self) -> None:
-        """Raises SitlError with its last words where it has ended by itself."""
+        """Raises SitlError with its last line of output if it has ended of its own accord."""
         if self._process is not None and self._process.poll() is not None:
             said = (self.folder / "output.txt").read_text(errors="replace").strip().splitlines()[-1:]
             raise SitlError(f"{self.described} ended with {self._process.returncode}: {' '.join(said)}")
@@ -143,8 +143,8 @@ class Px4(ProcessSubject):
         self.described = f"PX4 {folder.name}"
 
     def start(self) -> None:
-        """With start scripts of its own: above instance 9 all PX4s send to one port, and whoever listens there first
-        has the link.
+        """Start it with changed scripts: above instance 9 all PX4s send to one port, where the first listener has the
+        link.
         """
         shutil.copytree(self._px4 / "etc", self.folder / "etc")
         script = self.folder / "etc/init.d-posix/px4-rc.mavlink"
@@ -179,7 +179,7 @@ class Px4(ProcessSubject):
         return UdpChannel(PORTS[link] + self._instance, self._own(link))
 
     def _own(self, link: str) -> int:
-        """Where the recorder receives what a link sends."""
+        """The port on which the recorder receives from a link."""
         return OWN + len(PORTS) * self._instance + list(PORTS).index(link)
 
 
@@ -239,7 +239,7 @@ class Simulated(Subject):
         self.described = "stand-in"
 
     def start(self) -> None:
-        """It is there already."""
+        """It needs no start."""
 
     def end(self) -> None:
         """There is nothing to end."""
@@ -252,7 +252,7 @@ class Simulated(Subject):
 
 
 def wait_ready(subject: Subject, pilot: Pilot) -> None:
-    """Wait until it reports that it could arm. Raises SitlError where it does not, or has ended by itself."""
+    """Wait until it reports that it could arm. Raises SitlError if it does not within STARTED_S, or has ended."""
     end_s = time.monotonic() + STARTED_S
     while not pilot.ready:
         subject.check()

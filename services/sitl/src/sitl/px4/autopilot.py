@@ -1,4 +1,4 @@
-"""PX4's state: its modes and what ends them, when it arms, disarms and takes itself for landed."""
+"""PX4's state: its modes and what ends them, and when it arms, disarms and detects a landing."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from .guidance import GROUNDED_S, Px4Guidance
 from .modes import NEEDS_STICKS, Mode
 
 SHARE = 0.95
-"""A mission is flown with so much of the cruise speed."""
+"""The share of the cruise speed at which a mission is flown."""
 LOW_BATTERY_PCT = 7.0
-"""COM_ARM_BAT_MIN is off in PX4; below its emergency level (BAT_EMERGEN_THR, 5 %, and some) nobody should start."""
+"""It does not arm below this. COM_ARM_BAT_MIN is off in PX4; this is its emergency level (BAT_EMERGEN_THR, 5 %) and
+some."""
 
 
 class Px4(Autopilot):
@@ -28,7 +29,7 @@ class Px4(Autopilot):
         self._takes_off = False
         """Whether this takeoff began on the ground."""
         self._led_to: Vector | None = None
-        """The mission's target that is flown to."""
+        """The mission's target to which it flies."""
 
     @property
     def landed_state(self) -> int:
@@ -40,7 +41,7 @@ class Px4(Autopilot):
 
     @property
     def flies_as(self) -> FlightMode:
-        """The mode whose flying is done: a mission takes off, goes to places and lands as the modes for that do."""
+        """The mode as which it flies: a mission takes off, flies to places and lands as the modes for that do."""
         if self.mode is not Mode.MISSION:
             return self.mode
         if self.mission.leg is Leg.LAND and not self.guidance.is_above(self.mission.target):
@@ -63,10 +64,10 @@ class Px4(Autopilot):
             self.motion.step(wanted, self.guidance.limits, dt_s)
 
     def _fly_mission(self) -> None:
-        """Item after item; behind the last one it holds, or returns where that was the last.
+        """Fly item after item; after the last one hold, or return if that is the last item.
 
-        A takeoff climbs where it is, and flies to the item's place then.
-        Above the place of a landing that item is reached; once it has landed, it disarms and stays in its mode.
+        A takeoff climbs in place, and then flies to the item's place.
+        A landing's item is reached above its place; once landed, the drone disarms and stays in its mode.
         """
         leg = self.mission.leg
         if leg is Leg.TAKEOFF and self.guidance.is_high(self.mission.target):
@@ -82,7 +83,7 @@ class Px4(Autopilot):
         self._lead(leg)
 
     def _lead(self, leg: Leg) -> None:
-        """Do what the mission's leg wants, `leg` being the one before."""
+        """Begin the mission's current leg if it differs from `leg`, the one before."""
         if self.mission.leg is Leg.RETURN:
             self._out += self.mission.arrive()
             self.enter(Mode.RETURN)
@@ -100,7 +101,7 @@ class Px4(Autopilot):
             self._takes_off = self.landed
 
     def _begin_flight(self) -> None:
-        """On the ground the motors speed up COM_SPOOLUP_TIME after arming, for whatever leads upwards."""
+        """Speed up the motors on the ground, COM_SPOOLUP_TIME after arming, if the mode leads upwards."""
         if self._lift_s is not None or not self.landed or not self._wants_up():
             return
         if self.now_s - self._armed_s >= self.parameters["COM_SPOOLUP_TIME"]:
@@ -116,7 +117,7 @@ class Px4(Autopilot):
         return (point.velocity or (0.0, 0.0, 0.0))[2] > 0 or (point.position or (0.0, 0.0, 0.0))[2] > 0
 
     def _end_modes(self) -> None:
-        """A takeoff ends in hold at its height, an offboard flight whose controller is silent in a return."""
+        """End a takeoff in hold at its height, and an offboard flight whose controller is silent in a return."""
         if self.mode is Mode.TAKEOFF and self._lift_s is not None and self.guidance.takeoff_done(self.now_s):
             target = self.guidance.target
             self.enter(Mode.HOLD)
@@ -127,7 +128,7 @@ class Px4(Autopilot):
             self.failsafe = True
 
     def _disarm_when_due(self) -> None:
-        """COM_DISARM_LAND after a landing, COM_DISARM_PRFLT after arming; 0 or less turns either off."""
+        """Disarm COM_DISARM_LAND after a landing, or COM_DISARM_PRFLT after arming; 0 or less turns either off."""
         name, since_s = ("COM_DISARM_LAND", self._landed_s) if self._flown else ("COM_DISARM_PRFLT", self._armed_s)
         after_s = self.parameters[name]
         if 0 < after_s <= self.now_s - since_s:
@@ -136,7 +137,7 @@ class Px4(Autopilot):
     # -- what callers change --------------------------------------------------------------------------------
 
     def arm_refusal(self) -> str | None:
-        """Why arming is denied now, if it is."""
+        """The reason why arming is denied now, or None."""
         if not self.healthy:
             return "Arming denied: system not ready"
         if self.battery.remaining_pct < LOW_BATTERY_PCT:
@@ -146,7 +147,7 @@ class Px4(Autopilot):
         return None
 
     def can_fly_in(self, mode: FlightMode) -> bool:
-        """Whether what a mode needs is there: no sticks ever, perhaps a mission or a stream of set-points."""
+        """Whether a mode's needs are met: a mission, or a stream of set-points; sticks never are."""
         if mode in NEEDS_STICKS or (mode is Mode.MISSION and not self.plans.mission):
             return False
         return mode is not Mode.OFFBOARD or self.guidance.has_set_point(self.now_s)
@@ -161,7 +162,7 @@ class Px4(Autopilot):
             self._set_armed(True)
 
     def disarm(self) -> None:
-        """A mode that has nothing left to do gives way to hold."""
+        """Stop the motors; after a landing, land and return give way to hold."""
         self._set_armed(False)
         self._lift_s = None
         self.failsafe = False
@@ -169,7 +170,7 @@ class Px4(Autopilot):
             self.enter(Mode.HOLD)
 
     def enter(self, mode: FlightMode) -> None:
-        """Hold aims at where the drone can stop."""
+        """Change the mode; hold aims at the place where the drone can stop."""
         if mode is Mode.HOLD and self.mode is not Mode.HOLD:
             self.guidance.hold(self.mode)
         self.failsafe = False

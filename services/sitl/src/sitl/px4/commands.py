@@ -1,4 +1,4 @@
-"""What the autopilot does with commands and set-points, and how it answers: PX4's rules, results and reasons."""
+"""How PX4 carries out commands and set-points, and how it answers: its rules, results and reasons."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .autopilot import Px4
 from .modes import Mode
 
 _CURRENT = 0x7FFFFFFF
-"""COMMAND_INT's x or y where the current position is meant."""
+"""COMMAND_INT's x or y that stands for the current position."""
 _RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 _FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT, *_RELATIVE)
 
@@ -37,13 +37,13 @@ def handle(autopilot: Px4, message: Any) -> list[Output]:
 
 
 def _results(autopilot: Px4, message: Any) -> list[int]:
-    """The results in the order of their acknowledgements; none for what PX4 leaves unanswered."""
+    """The results in the order of their acknowledgements; none for a command that PX4 leaves unanswered."""
     if message.command in _UNANSWERED or _is_no_arming(message):
         return []
     if message.command in _NOTHING_TO_DO:
         return [ACCEPTED]
     result = _COMMANDS.get(message.command, _unsupported)(autopilot, message)
-    # PX4 says that it has taken a mode change, and then what became of it.
+    # PX4 acknowledges that it has received a mode change, and then its result.
     return [ACCEPTED, result] if message.command == mavlink.MAV_CMD_DO_SET_MODE else [result]
 
 
@@ -75,12 +75,12 @@ def _rounded(param: float) -> int | None:
 
 
 def _is_no_arming(message: Any) -> bool:
-    """An arming by another number than 0 and 1, which PX4 leaves unanswered."""
+    """Whether a command arms by a number other than 0 and 1, which PX4 leaves unanswered."""
     return message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM and _rounded(message.param1) not in (0, 1)
 
 
 def _takeoff(autopilot: Px4, message: Any) -> int:
-    """Accepted whether armed or not: disarmed the mode stays, and the next arming climbs."""
+    """Accepted whether armed or not; disarmed, the mode stays and the next arming starts the climb."""
     z = _z(message)
     if math.isinf(z):
         return _refuse(autopilot, "Takeoff denied: altitude is not a number", DENIED)
@@ -89,7 +89,7 @@ def _takeoff(autopilot: Px4, message: Any) -> int:
 
 
 def _take_off_to(autopilot: Px4, up_m: float | None) -> None:
-    """Never downwards; without a height to MIS_TAKEOFF_ALT above home."""
+    """Take off to a height above the origin, never downwards; without one to MIS_TAKEOFF_ALT above home."""
     guidance = autopilot.guidance
     north, east, here = guidance.motion.position
     if up_m is None:
@@ -106,7 +106,7 @@ def _land(autopilot: Px4, message: Any) -> int:
 
 
 def _reposition(autopilot: Px4, message: Any) -> int:
-    """Accepted anywhere: disarmed nothing follows, armed on the ground it takes off, and x, y, z left out stop here."""
+    """Accepted anywhere. Disarmed, it does nothing; armed on the ground, it takes off; without x, y, z, it stops."""
     guidance = autopilot.guidance
     z = _z(message)
     place = _horizontal(autopilot, message)
@@ -154,7 +154,7 @@ def _do_set_mode(autopilot: Px4, message: Any) -> int:
 
 
 def _set_mode(autopilot: Px4, main: int, sub: int) -> int:
-    """Disarmed any mode, armed those that it can fly in."""
+    """Enter a mode: disarmed any, armed those in which it can fly."""
     try:
         mode = Mode((main, sub))
     except ValueError:
@@ -169,7 +169,7 @@ def _set_mode(autopilot: Px4, main: int, sub: int) -> int:
 
 
 def _start_mission(autopilot: Px4, message: Any) -> int:
-    """It arms, too."""
+    """Enter the mission mode, and arm if disarmed."""
     first = whole(message.param1)
     if first is None or not -1 <= first < len(autopilot.plans.mission):
         return DENIED
@@ -186,7 +186,7 @@ def _z(message: Any) -> float:
 
 
 def _up(autopilot: Px4, message: Any, z: float) -> float:
-    """A command's altitude over the origin; only COMMAND_INT names a frame, COMMAND_LONG's is AMSL."""
+    """A command's height above the origin; only COMMAND_INT names a frame, COMMAND_LONG's altitude is AMSL."""
     guidance = autopilot.guidance
     if message.get_type() == "COMMAND_INT" and message.frame in _RELATIVE:
         return guidance.home_up_m + z
@@ -194,7 +194,7 @@ def _up(autopilot: Px4, message: Any, z: float) -> float:
 
 
 def _take(autopilot: Px4, point: SetPoint | None) -> None:
-    """What is no set-point leaves the last one."""
+    """Take a set-point; None leaves the last one."""
     if point is not None:
         autopilot.guidance.set_point = point
 
@@ -208,7 +208,7 @@ _UNANSWERED = frozenset(
         mavlink.MAV_CMD_SET_CAMERA_MODE,
     }
 )
-"""Left to payloads, of which PX4's simulation has none that answers."""
+"""Commands for payloads: PX4's simulation has none that answers."""
 _NOTHING_TO_DO = frozenset(
     {
         mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
@@ -217,7 +217,7 @@ _NOTHING_TO_DO = frozenset(
         mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
     }
 )
-"""Accepted, with nothing that a stand-in could do about it."""
+"""Accepted without any effect in the stand-in."""
 _COMMANDS: dict[int, Callable[[Px4, Any], int]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
     mavlink.MAV_CMD_NAV_TAKEOFF: _takeoff,

@@ -1,4 +1,4 @@
-"""The velocity that each of PX4's modes asks for, in metres and seconds, as PX4 flies by default."""
+"""The velocity that each of PX4's modes demands, in metres and seconds, as PX4 flies by default."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from .modes import Mode
 REACHED_UP_M = 0.8
 """NAV_MC_ALT_RAD: nearer than this a height counts as reached."""
 STARTED_S = 0.5
-"""From a command to the first of its motion."""
+"""The time from a command to its first motion."""
 LANDS_S = 1.0
-"""And from the place of a mission's landing to its descent."""
+"""The time from the arrival at a mission's landing place to the descent."""
 LIFT_S = 1.5
-"""A goto from the ground waits so long for thrust."""
+"""How long a goto from the ground waits for thrust."""
 LIFTS_AT = 0.85
 """A takeoff lifts after this part of MPC_TKO_RAMP_T, during which thrust grows."""
 TAKEOFF_S = 1.5
-"""A takeoff that has nothing to climb is over after so long."""
+"""A takeoff that has nothing to climb is over after this time."""
 GROUNDED_S = 3.7
-"""The land detector wants to see the ground for so long."""
+"""The time on the ground after which the land detector reports a landing."""
 REPOSITION_UP, REPOSITION_DOWN = 0.87, 0.87
-"""A reposition climbs and descends with so much of the speed of the automatic modes: its path bends with the wind."""
+"""The share of the automatic modes' speed at which a reposition climbs and descends: its path bends with the wind."""
 ASLANT = 0.93
-"""Across it is slower while it climbs or descends."""
+"""The share of its horizontal speed that it has while it climbs or descends."""
 FOLLOWED = 0.86
-"""A velocity's set-point is reached to this part, against drag."""
+"""The share of a velocity set-point that is reached against drag."""
 RETURN_UP = 0.95
-"""And so a return."""
+"""The share of the automatic modes' speed at which a return climbs."""
 TRAILING = 0.0019
 """The trajectory waits for its drone, which drag holds back with the square of the speed."""
 
@@ -43,25 +43,25 @@ class Px4Guidance(Guidance):
     def __init__(self, origin: Place, parameters: Parameters) -> None:
         super().__init__(origin, parameters)
         self.lands = False
-        """Whether a return has come to its landing."""
+        """Whether a return has begun its landing."""
         self.cruise_m_s: float | None = None
-        """What a mission has changed the cruise speed to."""
+        """The cruise speed of a mission; None: MPC_XY_CRUISE."""
         self._starts_s = 0.0
         self._return_up_m = 0.0
 
     @property
     def limits(self) -> Limits:
-        """Of acceleration and jerk."""
+        """The limits of acceleration and jerk."""
         read = self.parameters
         return Limits(read["MPC_ACC_HOR"], read["MPC_ACC_UP_MAX"], read["MPC_ACC_DOWN_MAX"], read["MPC_JERK_AUTO"])
 
     def has_set_point(self, now_s: float) -> bool:
-        """Whether an offboard controller was heard within COM_OF_LOSS_T."""
+        """Whether an offboard controller has sent a set-point within COM_OF_LOSS_T."""
         point = self.set_point
         return point is not None and now_s - point.at_s <= self.parameters["COM_OF_LOSS_T"]
 
     def start(self, mode: FlightMode, now_s: float) -> None:
-        """A mode, or an aim of it, begins."""
+        """Begin a mode, or a new target of it."""
         self._starts_s = now_s + (0.0 if mode in (Mode.OFFBOARD, Mode.LAND) else STARTED_S)
         self.lands = False
         if mode is Mode.RETURN:
@@ -73,14 +73,14 @@ class Px4Guidance(Guidance):
         self.start(Mode.HOLD, now_s)
 
     def hold(self, before: FlightMode) -> None:
-        """Stop here; but the climb of a return, which is a loiter to PX4, is flown to its end."""
+        """Stop here, but finish the climb of a return, which is a loiter to PX4."""
         climbs = before is Mode.RETURN and self.motion.position[2] < self._return_up_m - REACHED_UP_M
         self.stop_here()
         if climbs and not self.lands:
             self.target = (*self.target[:2], self._return_up_m)
 
     def stop_here(self) -> None:
-        """Aim at where braking ends, so that holding does not fly back; at the height of now."""
+        """Aim at the place where braking ends, so that holding does not fly back; the height stays about the same."""
         position, velocity = self.motion.position, self.motion.velocity
         limits = self.limits
         speed = self.motion.groundspeed_m_s
@@ -92,11 +92,11 @@ class Px4Guidance(Guidance):
         )
 
     def wait(self, now_s: float) -> None:
-        """Above the place of a mission's landing, before it descends."""
+        """Wait above a mission's landing place before the descent."""
         self._starts_s = now_s + LANDS_S
 
     def is_above(self, target: Vector) -> bool:
-        """Whether it is over, or at, a place of a mission."""
+        """Whether the drone is above, below or at a mission's place, within NAV_ACC_RAD."""
         here = self.motion.position
         return math.hypot(target[0] - here[0], target[1] - here[1]) < self.parameters["NAV_ACC_RAD"]
 
@@ -112,7 +112,7 @@ class Px4Guidance(Guidance):
         return now_s - self._starts_s > TAKEOFF_S and self.target[2] - self.motion.position[2] < REACHED_UP_M
 
     def wanted_velocity(self, mode: FlightMode, now_s: float, lift_s: float, in_air: bool) -> Vector:
-        """North, east, up in metres a second; `lift_s` is for how long the motors have had thrust to lift it.
+        """The mode's velocity north, east, up in metres per second; `lift_s`: since when the motors speed up.
 
         A takeoff in the air is a climb.
         """
@@ -135,7 +135,7 @@ class Px4Guidance(Guidance):
         return aim[0], aim[1], aim[2]
 
     def _takeoff(self, lift_s: float) -> float:
-        """MPC_TKO_RAMP_T until it lifts, and once more until it climbs with MPC_TKO_SPEED."""
+        """The climb: it lifts after LIFTS_AT of MPC_TKO_RAMP_T, and reaches MPC_TKO_SPEED one MPC_TKO_RAMP_T later."""
         ramp_s = self.parameters["MPC_TKO_RAMP_T"]
         share = 1.0 if ramp_s <= 0 else lift_s / ramp_s - LIFTS_AT
         if share <= 0:
@@ -144,9 +144,9 @@ class Px4Guidance(Guidance):
         return self._up(self.target[2] - self.motion.position[2], fastest, fastest)
 
     def _descent_m_s(self) -> float:
-        """Slowing from the auto descent to the landing speed between MPC_LAND_ALT1 and MPC_LAND_ALT2.
+        """The speed of a landing: it slows from the auto descent to the landing speed between MPC_LAND_ALT1 and 2.
 
-        MPC_LAND_CRWL at the end, as with a distance sensor.
+        Below MPC_LAND_ALT3 it is MPC_LAND_CRWL, as with a distance sensor.
         """
         fast, slow = self.parameters["MPC_Z_V_AUTO_DN"], self.parameters["MPC_LAND_SPEED"]
         high, low = self.parameters["MPC_LAND_ALT1"], self.parameters["MPC_LAND_ALT2"]
@@ -170,7 +170,7 @@ class Px4Guidance(Guidance):
         return max(self.home_up_m + height, self.motion.position[2])
 
     def _return(self) -> Vector:
-        """Climb, fly home, and within NAV_ACC_RAD of it land."""
+        """Climb, fly home, and land within NAV_ACC_RAD of it."""
         here = self.motion.position
         north, east = self.home_from_here()
         if not self.lands and here[2] < self._return_up_m - REACHED_UP_M:

@@ -1,6 +1,6 @@
-"""How PX4 speaks the log protocol: armed too; it gives bytes of a log once it was asked for the list.
+"""PX4's side of the log protocol: it answers while armed, too, and sends bytes only after a request for the list.
 
-PX4 main fills its last message beyond what was asked for, and says nothing behind a log's end.
+PX4 main fills its last message beyond the requested bytes, and sends nothing past a log's end.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from ..logs import DATA_BYTES, LogLink
 
 
 class Px4LogLink(LogLink):
-    """A request takes the place of the one before."""
+    """PX4's log protocol on one link: a request replaces the one before."""
 
     first = 0
     _has_listed = False

@@ -27,4 +27,4 @@ class Mode(FlightMode):
 
 
 NEEDS_STICKS = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.ACRO, Mode.STABILIZED})
-"""Modes for a pilot's hands, which the stand-in has none of."""
+"""Modes that need a pilot's sticks, which the stand-in does not have."""

@@ -39,4 +39,4 @@ SPECS: dict[str, Spec] = {
     "SIM_BAT_MIN_PCT": Spec(50.0, 0, 100),
     "SYS_AUTOSTART": Spec(10040, 0, 99_999_999),
 }
-"""Names, types and defaults as PX4 ships them (multicopter), in the order of their indices; ranges about PX4's."""
+"""Names, types and defaults as PX4 ships them (multicopter), in the order of their indices; ranges roughly PX4's."""

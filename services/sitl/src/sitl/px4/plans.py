@@ -1,4 +1,4 @@
-"""The mission protocol as PX4 speaks it (mavlink_mission.cpp), and what it keeps of an item."""
+"""PX4's side of the mission protocol (mavlink_mission.cpp), and the fields that it keeps of an item."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _YAWS = frozenset(
 )
 """Those whose fourth parameter is a heading, which PX4 gives back from 0 to 360 degrees."""
 _FLAGS = {mavlink.MAV_CMD_NAV_LOITER_TIME: (1, 3), mavlink.MAV_CMD_NAV_LOITER_TO_ALT: (0, 3)}
-"""Parameters of which PX4 keeps whether they are above 0."""
+"""Parameters of which PX4 keeps only whether they are above 0."""
 _PLACELESS = frozenset(
     getattr(mavlink, f"MAV_CMD_{name}")
     for name in (
@@ -69,7 +69,7 @@ class Px4PlanLink(PlanLink):
     gives_up_s = 5.0
     most: ClassVar = {MISSION: 65_534, FENCE: 64, RALLY: 32}
     _sending: tuple[Partner, int, int] | None = None
-    """Who downloads which list, and the item that is expected next."""
+    """The partner that downloads, its list, and the item expected next."""
     _sent_s = 0.0
 
     def due(self, now_s: float) -> list[Any]:
@@ -128,7 +128,7 @@ class Px4PlanLink(PlanLink):
         return self._take(upload, message, now_s)
 
     def _late_item(self, message: Any, partner: Partner) -> list[Any]:
-        """The last item once more: its acknowledgement was lost."""
+        """Acknowledge the last item again if its acknowledgement was lost; refuse any other."""
         if message.seq + 1 == len(self._plans.items.get(message.mission_type, ())):
             return [ack(partner, ACCEPTED, message.mission_type)]
         self._say("IGN MISSION_ITEM: No transfer")
@@ -193,7 +193,7 @@ class Px4PlanLink(PlanLink):
 
 
 def _refusal(kind: int, item: Item) -> int:
-    """The result of an item; ACCEPTED where PX4 takes it."""
+    """The result of an item; ACCEPTED if PX4 takes it."""
     if item.frame not in (*_ABSOLUTE, *_RELATIVE, mavlink.MAV_FRAME_MISSION):
         return WRONG_FRAME
     if item.command not in (_PLACELESS if item.frame == mavlink.MAV_FRAME_MISSION else _KEPT):

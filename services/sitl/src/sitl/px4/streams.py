@@ -45,7 +45,7 @@ RATES_HZ: dict[str, tuple[float, float, float]] = {
 }
 """Hz in PX4's sets onboard, normal and gcs, as its main sends them; POSITION_TARGET_GLOBAL_INT in automatic modes only.
 
-The last ones it has, and says them where somebody asks for them.
+The last ones, 0 in every set, are sent only on request.
 """
 SILENT = frozenset(
     getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
@@ -56,15 +56,15 @@ SILENT = frozenset(
         *("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"),
     )
 )
-"""Messages that PX4 takes an interval for, although nothing makes it say them here."""
+"""Messages whose interval PX4 accepts, although nothing here makes it send them."""
 
 PX4_SETS = ("px4-onboard", "px4-normal", "px4-gcs")
 SETS = (*PX4_SETS, "five-states")
-"""`five-states` begins with heartbeats: whoever wants more asks for it by SET_MESSAGE_INTERVAL."""
+"""`five-states` begins with heartbeats alone: further messages are requested by SET_MESSAGE_INTERVAL."""
 
 
 def rates_hz(chosen: str) -> dict[str, float]:
-    """Hz of each message in one of SETS; 0 where it is not in it."""
+    """The rate of each message in one of SETS, in Hz; 0 if it is not in the set."""
     if chosen in PX4_SETS:
         return {name: rates[PX4_SETS.index(chosen)] for name, rates in RATES_HZ.items()}
     return {name: 1.0 if name == "HEARTBEAT" else 0.0 for name in RATES_HZ}

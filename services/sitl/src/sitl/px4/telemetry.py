@@ -24,10 +24,10 @@ SENSORS = (
     | mavlink.MAV_SYS_STATUS_GEOFENCE
 )
 HOME_M = 0.25
-"""A smaller error of it is not corrected."""
+"""The smallest change of its error by which home's height is corrected."""
 _EXTENDED = mavlink.MAV_SYS_STATUS_RECOVERY_SYSTEM
 HOME_S = 2.0
-"""How often home's height is corrected in flight."""
+"""The interval at which home's height is corrected."""
 
 
 class Px4Telemetry(Telemetry):
@@ -87,7 +87,7 @@ class Px4Telemetry(Telemetry):
         )
 
     def _current_ca(self) -> int:
-        """-1 A for a battery whose current nobody measures."""
+        """-1 A for a battery whose current is not measured."""
         return super()._current_ca() if self._ap.battery.power_w > 0 else -100
 
     def _imu(self) -> Any:
@@ -135,7 +135,7 @@ class Px4Telemetry(Telemetry):
         return mavlink.MAVLink_ping_message(self._usec(), self._pings, 0, 0)
 
     def _distance(self) -> Any:
-        """To the ground, by the sensor that PX4's simulation has."""
+        """The distance to the ground, by the sensor of PX4's simulation."""
         height_cm = max(2, min(40_00, round(self._position()[2] * 100)))
         down = mavlink.MAV_SENSOR_ROTATION_PITCH_270
         return mavlink.MAVLink_distance_sensor_message(
@@ -161,7 +161,7 @@ class Px4Telemetry(Telemetry):
         )
 
     def _mission(self) -> Any:
-        """Its item, and as the total the highest number where there is none."""
+        """The current item, and the number of items: 65535 without a mission."""
         ap = self._ap
         total, flies = len(ap.plans.mission), ap.mode is Mode.MISSION
         state = mavlink.MISSION_STATE_NO_MISSION
@@ -175,7 +175,7 @@ class Px4Telemetry(Telemetry):
         return mavlink.MAVLink_current_mode_message(_STANDARD_MODES.get(mode, 0), mode.custom_mode, mode.custom_mode)
 
     def _available_modes(self) -> Any:
-        """One of the modes, another one each time."""
+        """One of the modes, the next one each time."""
         index, mode = next(self._modes)
         return mavlink.MAVLink_available_modes_message(
             *(len(Mode), index, _STANDARD_MODES.get(mode, 0), mode.custom_mode, 0, mode.name.title().encode())

@@ -10,10 +10,10 @@ from ..errors import SitlError
 from .autopilot import Autopilot
 
 PROGRAM, DEFAULTS = "arducopter", "copter.parm"
-"""What is in ArduCopter's folder: the program for SITL, and a copter's parameters as ArduPilot's sources have them."""
+"""The contents of ArduCopter's folder: the program for SITL, and a copter's parameters from ArduPilot's sources."""
 OWN: dict[str, float] = {
-    "FLTMODE_CH": 0,  # nobody holds sticks, nor the switch of modes that the simulation has
-    "INITIAL_MODE": 4,  # GUIDED, in which it would arm only where it could take off
+    "FLTMODE_CH": 0,  # nobody holds sticks, nor the simulation's mode switch
+    "INITIAL_MODE": 4,  # GUIDED, in which it arms only where it could take off
 }
 """The parameters that every ArduCopter here gets beside the fleet's."""
 
@@ -21,7 +21,7 @@ OWN: dict[str, float] = {
 class ArduCopter(Autopilot):
     """One ArduCopter; its folder has arducopter and copter.parm.
 
-    On both links it sends what it is asked for: `onboard.streams` is PX4's.
+    On both links it sends only requested messages: `onboard.streams` is for PX4.
     """
 
     def prepare(self) -> tuple[list[str], dict[str, str]]:

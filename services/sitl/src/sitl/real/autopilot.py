@@ -1,4 +1,4 @@
-"""What every kind of real autopilot is prepared from, and what a kind has to say."""
+"""The interface of real autopilots: what each is prepared from, and what a kind implements."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..process import LinkConfig
 
 @dataclass(frozen=True)
 class Autopilot(ABC):
-    """A real autopilot: from `folder`, in the folder `work`, whose logs go to `logs`. Every method raises SitlError.
+    """A real autopilot from `folder`, which runs in `work` and logs to `logs`. Every method raises SitlError.
 
-    `onboard` is its link to whoever flies it; on another it sends to `witness`, a port of its loopback.
+    `onboard` is the link over which it is flown; on another one it sends to `witness`, a port of its loopback.
     """
 
     folder: Path
@@ -28,18 +28,18 @@ class Autopilot(ABC):
 
     @abstractmethod
     def prepare(self) -> tuple[list[str], dict[str, str]]:
-        """Its command line and environment, with all that they need in its folder."""
+        """Fill its folder, and return its command line and environment."""
 
     @abstractmethod
     def questions(self) -> dict[str, list[str]]:
-        """By parameter the command that reads it back."""
+        """For each parameter, the command that reads it back."""
 
     @abstractmethod
     def check(self, answers: Mapping[str, str]) -> None:
-        """Hold what was read back to what was to be."""
+        """Compare the parameters read back with those that were set."""
 
     def _make_folders(self, log: str, *more: Path) -> None:
-        """Its folders anew; `log` is where it writes its logs in the one that it works in."""
+        """Make its folders anew; `log` is the folder within `work` where it writes its logs."""
         shutil.rmtree(self.work, ignore_errors=True)
         for folder in (self.work, self.logs, *more):
             folder.mkdir(parents=True, exist_ok=True)

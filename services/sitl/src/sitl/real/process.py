@@ -1,4 +1,4 @@
-"""An autopilot as a child process: started, read back, watched, and ended with whoever started it."""
+"""An autopilot as a child process: started, its parameters read back, watched, and ended with its parent."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ LOOK_S = 0.2
 
 
 async def fly(autopilot: Autopilot, watching: Watching) -> None:
-    """Run it until cancelled. What it prints goes to stdout.
+    """Run it until cancelled. Its output goes to stdout.
 
-    Raises SitlError for a start that cannot work or settings that it did not take, AutopilotDied where it ends.
+    Raises SitlError if it cannot be prepared or has not taken a setting, AutopilotDied if it does not start or ends.
     """
     words, environment = autopilot.prepare()
     try:
@@ -48,7 +48,7 @@ async def fly(autopilot: Autopilot, watching: Watching) -> None:
 
 
 async def _say(child: Process, name: str) -> None:
-    """Pass on what it prints, until it ends."""
+    """Pass on its output. Raises AutopilotDied when it ends."""
     assert child.stdout is not None
     async for line in child.stdout:
         sys.stdout.write(line.decode(errors="replace"))
@@ -57,7 +57,7 @@ async def _say(child: Process, name: str) -> None:
 
 
 async def _check(autopilot: Autopilot, watching: Watching, checked: asyncio.Event) -> None:
-    """Once it is heard it has started: what was set is read back."""
+    """After its first heartbeat, read back the parameters that were set, and check them."""
     while watching.witness.heard_ns is None:
         await asyncio.sleep(LOOK_S)
     answers = {}
@@ -70,7 +70,7 @@ async def _check(autopilot: Autopilot, watching: Watching, checked: asyncio.Even
 
 
 async def _end(child: Process) -> None:
-    """Let it close its log; one that does not end is killed."""
+    """Interrupt it, so that it closes its log; kill it if it does not end."""
     with contextlib.suppress(ProcessLookupError):
         child.send_signal(signal.SIGINT)
     try:

@@ -1,7 +1,7 @@
-"""A PX4 prepared for its start: whatever its version, by the hooks that its own start script has for that.
+"""A PX4 of any version prepared for its start, by the hooks of its own start script.
 
 `rcS` looks for `px4-rc.params` (up to 1.15) and `px4-rc.mavlink` on the PATH, and sets parameters from PX4_PARAM_* in
-its environment (from 1.16 on): both are given, and what came of it is read back. PX4's folder is only read.
+its environment (from 1.16 on): both are given, and the parameters are read back. PX4's folder is only read.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from .autopilot import Autopilot
 MODEL = "sihsim_quadx"
 """PX4's own simulator in its own process, a quadrotor."""
 STEP_S, STEPS, MOST_FACTOR = 0.004, 250, 1.12
-"""PX4's simulator sleeps in each of its steps, and a sleep takes longer than it was asked for: how many are measured
-before PX4 starts, and the most by which it is asked to be faster for that. The witness measures what came of it.
+"""PX4's simulator sleeps in each step, and a sleep takes longer than requested. The length and number of the sleeps
+that are measured before PX4 starts, and the largest speed factor to make up for it. The witness measures the result.
 """
 PARAMETERS = Path("etc/extras/parameters.json.xz")
 """The build's description of each parameter, in PX4's folder."""
 OWN: dict[str, float] = {
     "COM_RC_IN_MODE": 4,  # nobody holds sticks
-    "NAV_DLL_ACT": 0,  # nor has to be on a link for ground stations
-    "SDLOG_MODE": 2,  # the flight log goes on from boot to shutdown, past a first disarming
+    "NAV_DLL_ACT": 0,  # nor does a ground station have to be connected
+    "SDLOG_MODE": 2,  # the flight log lasts from boot to shutdown, past a first disarming
     "SDLOG_PROFILE": 1,  # and has what analyses need; by default a simulation logs for estimator replays, too
 }
 """The parameters that every PX4 here gets beside the fleet's."""
@@ -55,7 +55,7 @@ _CLOSE = 1e-4
 
 
 def speed_factor(sleep: Callable[[float], None] = time.sleep, clock: Callable[[], float] = time.perf_counter) -> float:
-    """How many times longer sleeps of one step take here, together, than they were asked for."""
+    """How many times longer than requested the sleeps of one step take here, together; 1 to MOST_FACTOR."""
     began_s = clock()
     for _ in range(STEPS):
         sleep(STEP_S)
@@ -63,10 +63,10 @@ def speed_factor(sleep: Callable[[float], None] = time.sleep, clock: Callable[[]
 
 
 def scheduled(number: int) -> list[str]:
-    """The words before PX4's own: one processor, which drones of a fleet take in turn, and SCHED_BATCH (sched(7)).
+    """The words before PX4's own: one processor, which a fleet's drones take in turn, and SCHED_BATCH (sched(7)).
 
-    There, a thread that is woken waits for the one that runs. PX4 cancels and sets its timer in two steps; its thread
-    of timers, awake between them, finds no timer and sleeps on, and the sensors of the simulation stand still.
+    Under it a woken thread waits for the running one. PX4 cancels and sets its timer in two steps; its timer thread,
+    woken between them, would find no timer and sleep on, and the simulation's sensors would stand still.
     """
     processors = sorted(os.sched_getaffinity(0))
     return ["taskset", "--cpu-list", str(processors[number % len(processors)]), "chrt", "--batch", "0"]
@@ -99,7 +99,7 @@ class Px4(Autopilot):
         return {name: [*command, name] for name in self._values()}
 
     def check(self, answers: Mapping[str, str]) -> None:
-        """Raises SitlError naming the first that is another than it was to be."""
+        """Raises SitlError naming the first parameter whose value is not the one that was set."""
         for name, value in self._values().items():
             try:
                 is_so = abs(float(answers[name]) - float(value)) <= _CLOSE * max(1.0, abs(float(value)) / 1e3)
@@ -121,7 +121,7 @@ class Px4(Autopilot):
         return self.work / "hooks"
 
     def _values(self) -> dict[str, str]:
-        """Every parameter as PX4 takes it: whole numbers, and degrees in 1e-7, where it has them so."""
+        """Every parameter in PX4's own form: an integer, or in 1e-7 degrees, where PX4 defines it so."""
         known = self._known()
         home = self.config.home
         place = {"SIH_LOC_LAT0": home.latitude_deg, "SIH_LOC_LON0": home.longitude_deg, "SIH_LOC_H0": home.altitude_m}
@@ -143,7 +143,7 @@ class Px4(Autopilot):
             raise SitlError(f"{path}: expected what PX4's build says of its parameters: {error}") from error
 
     def _link_programs(self) -> None:
-        """The program with the names by which it is each of its commands: a copied folder may have lost such links."""
+        """Link the program by the name of each of its commands: a copied folder may have lost such links."""
         for name in ("px4", "px4-alias.sh"):
             (self._bin / name).symlink_to(self.folder.absolute() / "bin" / name)
         for name in set(_COMMAND.findall((self._bin / "px4-alias.sh").read_text(encoding="utf-8"))):
@@ -153,7 +153,7 @@ class Px4(Autopilot):
         (self._hooks / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     def _links(self) -> list[str]:
-        """PX4's link for a companion computer, and the witness's; none of the others that a simulation has."""
+        """The commands for PX4's link to a companion computer and the witness's; none for a simulation's others."""
         (_, port), (host, to_port) = self.onboard.listen, self.onboard.send
         mode, streams = STREAMS[self.onboard.streams]
         own_port = 18570 + self.config.system_id

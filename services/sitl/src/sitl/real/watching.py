@@ -14,7 +14,7 @@ from ..position_file import EVERY_S, PositionFile
 from .witness import Witness
 
 ALIVE_NS = 5_000_000_000
-"""An autopilot whose last heartbeat is older is not ready any more."""
+"""An autopilot whose last heartbeat is older is no longer ready."""
 
 
 class Watching:
@@ -36,10 +36,10 @@ class Watching:
         self._position_file = PositionFile(position_file) if position_file is not None else None
         self._peer: tuple[str, int] | None = None
         self.taps: list[Callable[[bytes], object]] = []
-        """Whoever is given each datagram of the autopilot too."""
+        """Functions that also receive each datagram of the autopilot."""
 
     async def run(self, may_be_ready: Callable[[], bool] = lambda: True) -> None:
-        """Until cancelled. It is ready once the autopilot reports its place and would arm, and `may_be_ready`."""
+        """Watch until cancelled. Ready: the autopilot reports its place and that it would arm, and `may_be_ready`."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._socket, self._readable)
         try:
@@ -61,9 +61,9 @@ class Watching:
                 self._events.close()
 
     def send(self, datagram: bytes) -> None:
-        """To the autopilot, once it is known where that is."""
+        """Send to the autopilot, once its address is known."""
         if self._peer is not None:
-            with contextlib.suppress(OSError):  # it listens no more: then its heartbeats stay away
+            with contextlib.suppress(OSError):  # it no longer listens: its heartbeats stop, too
                 self._socket.sendto(datagram, self._peer)
 
     def _ask(self, now_ns: int) -> None:
@@ -78,7 +78,7 @@ class Watching:
             return
         t_ns = arrival_ns(ancillary)
         events = self.witness.take(data, t_ns)
-        if self.witness.told_ns == t_ns:  # by its own frame: anybody may send here
+        if self.witness.told_ns == t_ns:  # it has a frame of the autopilot: anybody may send here
             self._peer = peer
             for tap in self.taps:
                 tap(data)

@@ -1,4 +1,4 @@
-"""What an autopilot's own messages say of its flight, on a link that is its witness's alone; no I/O."""
+"""An autopilot's flight by its own messages, on a link for its witness alone; no I/O."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 WANTED_HZ = {"EXTENDED_SYS_STATE": 20.0, "GLOBAL_POSITION_INT": 10.0, "SYSTEM_TIME": 5.0, "SYS_STATUS": 2.0}
-"""What is asked for, and how often it shall come. Heartbeats come by themselves."""
+"""The requested messages and their rates. Heartbeats arrive without a request."""
 SYSTEM, COMPONENT = 250, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-"""Who asks. A witness sends no heartbeat: to the autopilot it is no ground station whose loss would matter."""
+"""The sender of requests. It sends no heartbeat: to the autopilot it is no ground station whose loss would matter."""
 AGAIN_NS = 2_000_000_000
-"""What has not come for so long is asked for (again)."""
+"""A message that has not arrived for this long is requested (again)."""
 EVERY_NS = {"position": 1_000_000_000, "clock": 150_000_000}
-"""How often these are written at most; `clock` as often as SYSTEM_TIME comes."""
+"""The shortest intervals between these events; `clock` is written with each SYSTEM_TIME."""
 _AIRBORNE = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 _IDS = {name: next(i for i, kind in mavlink.mavlink_map.items() if kind.msgname == name) for name in WANTED_HZ}
 
@@ -21,7 +21,7 @@ Event = dict[str, Any]
 
 
 class Witness:
-    """What one autopilot has reported so far."""
+    """The state that one autopilot has reported so far."""
 
     def __init__(self, system: int) -> None:
         self.system = system
@@ -36,18 +36,18 @@ class Witness:
         self.is_armable = False
         """Whether the autopilot has reported that it would arm."""
         self.heard_ns: int | None = None
-        """When its last heartbeat came."""
+        """When its last heartbeat arrived."""
         self.told_ns: int | None = None
-        """When its last message of any kind came."""
+        """When its last message of any kind arrived."""
 
     def take(self, datagram: bytes, t_ns: int) -> list[Event]:
-        """The events that a datagram tells of, which came at `t_ns` (since 1970).
+        """The events that a datagram reports, which arrived at `t_ns` (since 1970).
 
-        armed, disarmed, took_off, landed; once a second position (of which `boot_ms` is the autopilot's own time), and
-        with each SYSTEM_TIME clock (the autopilot's time as it was sent).
+        armed, disarmed, took_off, landed; position once per second (`boot_ms` is the autopilot's own time); clock with
+        each SYSTEM_TIME (the autopilot's time when it was sent).
         """
         events: list[Event] = []
-        parser = mavlink.MAVLink(None)  # a new one each time: messages do not go on from one datagram to the next
+        parser = mavlink.MAVLink(None)  # a new one each time: no message spans two datagrams
         parser.robust_parsing = True
         for message in parser.parse_buffer(datagram) or ():
             if (message.get_srcSystem(), message.get_srcComponent()) == (self.system, mavlink.MAV_COMP_ID_AUTOPILOT1):
@@ -56,7 +56,7 @@ class Witness:
         return events
 
     def requests(self, t_ns: int) -> list[bytes]:
-        """Requests for what does not come, once the autopilot is heard; at most every two seconds."""
+        """Requests for missing messages, once a heartbeat has arrived; at most every two seconds."""
         if self.heard_ns is None or t_ns - self._asked_ns < AGAIN_NS:
             return []
         self._asked_ns = t_ns

@@ -1,1 +1,1 @@
-"""The connection to a broker (paho-mqtt)."""
+"""The connection to a broker (paho-mqtt); nothing else in `mqttxt` talks to one."""

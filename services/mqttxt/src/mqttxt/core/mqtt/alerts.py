@@ -1,4 +1,4 @@
-"""Why a broker ends a TLS connection that was made: its alert."""
+"""TLS alerts: why a broker ends a connection after the handshake."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ CERTIFICATE_REQUIRED = "certificate required"
 
 
 class AlertSocket(ssl.SSLSocket):
-    """Hears why the broker refuses this node.
+    """Reports why the broker refuses this node.
 
-    In TLS 1.3 a client has done its handshake when the server says no: that comes with what is read next.
+    In TLS 1.3 a client has finished its handshake before the server refuses it: the alert arrives with the next read.
     """
 
     def heard(self, alert: str) -> None:
-        """Called with the alert's name in lower case, as `certificate required`."""
+        """Called with the alert's name in lower case: `certificate required`, for example."""
         raise NotImplementedError
 
     def recv(self, buflen: int = 1024, flags: int = 0) -> bytes:
@@ -31,14 +31,14 @@ class AlertSocket(ssl.SSLSocket):
     def send(self, data: Any, flags: int = 0) -> int:
         try:
             return super().send(data, flags)
-        except (ConnectionError, ssl.SSLEOFError):  # the broker has said why before it closed
+        except (ConnectionError, ssl.SSLEOFError):  # the broker sent its alert before it closed
             with contextlib.suppress(OSError):
                 self.recv(1)
             raise
 
 
 def system_context() -> tuple[ssl.SSLContext, list[str]]:
-    """A context that trusts the system's certificate authorities, and the alerts that its connections hear."""
+    """A context that trusts the system's certificate authorities, and the list of alerts that its connections get."""
     context, alerts = ssl.create_default_context(), list[str]()
 
     class Socket(AlertSocket):

@@ -1,16 +1,16 @@
-"""Topic aliases of one connection (MQTT 5.0, 3.3.2.3.4): a topic passes in full once, as two bytes afterwards."""
+"""Topic aliases of one connection (MQTT 5.0, 3.3.2.3.4): a topic is sent in full once, as two bytes afterwards."""
 
 from __future__ import annotations
 
 MOST_BYTES = 2**20
-"""Of all topics that a broker gives aliases to."""
+"""The most bytes of all topics that a broker gives aliases to."""
 
 
 class AliasTable:
     """The aliases that a connection has given to topics, at most `maximum` of them.
 
-    First come, first served, and kept: with more topics than aliases the later ones go out in full, which costs
-    what it would without aliases. Replacing the least recently used one would cost three bytes a message more as
+    First come, first served, and kept: with more topics than aliases the later ones are sent in full, which costs
+    no more than without aliases. To replace the least recently used alias would cost three bytes more per message as
     soon as the topics take turns, as states do.
     """
 
@@ -19,7 +19,7 @@ class AliasTable:
         self._aliases: dict[str, int] = {}
 
     def shorten(self, topic: str) -> tuple[str, int | None]:
-        """The topic name and the alias to publish with; the caller has to send what it gets, in this order."""
+        """The topic name and the alias to publish with; the caller must send each result, in the order of its calls."""
         alias = self._aliases.get(topic)
         if alias is not None:
             return "", alias
@@ -30,7 +30,7 @@ class AliasTable:
 
 
 class BrokersAliases:
-    """The aliases that the broker has given to topics, from 1 to `maximum`; 0: none is looked for."""
+    """The aliases that the broker has given to topics, from 1 to `maximum`; with 0 it may give none."""
 
     def __init__(self, maximum: int) -> None:
         self.maximum = maximum
@@ -38,7 +38,7 @@ class BrokersAliases:
         self._bytes = 0
 
     def topic(self, name: bytes, alias: int | None) -> bytes:
-        """The topic of a PUBLISH, which its alias stands for from now on; raises ValueError for a wrong alias."""
+        """The topic of a PUBLISH; a name with an alias sets the alias's topic. Raises ValueError for a wrong alias."""
         if alias is None:
             return name
         if not 0 < alias <= self.maximum:

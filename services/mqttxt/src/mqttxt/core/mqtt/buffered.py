@@ -1,4 +1,4 @@
-"""The socket that paho has: the connection reads and writes it in bulk, and gives paho a packet at a time."""
+"""The socket that paho uses: the connection reads and writes it in bulk, and hands paho one packet at a time."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from socket import socket
 
 _AT_ONCE_BYTES = 65_536
 _RECORDS_AT_ONCE = 64
-"""Of TLS, which the other side may make of a byte each."""
+"""TLS records; the other side may send records of one byte each."""
 
 
 class Buffered:
-    """A connected socket with what has come and nobody has taken, and what was handed over and has not left.
+    """A connected socket with the bytes that are received and not yet processed, and those not yet written.
 
-    `came` from `start` on is what has come. paho reads `for_paho`, and `failure` once `is_over`: where the end comes
-    together with what was said before it, that is taken first.
+    `came` from `start` on is received and not processed. paho reads `for_paho`, and gets `failure` once `is_over`:
+    packets that arrived together with the end of the connection are processed first.
     """
 
     def __init__(self, sock: socket) -> None:
@@ -23,20 +23,20 @@ class Buffered:
         self.came, self.start = b"", 0
         self.for_paho = b""
         self.failure: OSError | None = None
-        """What ends the connection, ConnectionResetError where the other side closed it."""
+        """The error that ends the connection, ConnectionResetError if the other side closed it."""
         self.is_over = False
-        """All that came before the failure has been taken."""
+        """Whether all bytes received before the failure are processed."""
         self._leaving: deque[bytes] = deque()
         self.setblocking, self.setsockopt, self.fileno = sock.setblocking, sock.setsockopt, sock.fileno
 
     def fetch(self) -> int:
-        """Read what is there, some 64 KiB or 64 records at the most; returns how many bytes that was."""
+        """Read the available bytes, at most about 64 KiB or 64 records; returns their number."""
         chunks, length = [self.came[self.start :]], 0
         try:
             while chunk := self.sock.recv(_AT_ONCE_BYTES):
                 chunks.append(chunk)
                 length += len(chunk)
-                if not isinstance(self.sock, ssl.SSLSocket):  # which gives record by record
+                if not isinstance(self.sock, ssl.SSLSocket):  # which returns one record at a time
                     break
                 if length >= _AT_ONCE_BYTES or len(chunks) > _RECORDS_AT_ONCE:
                     break
@@ -50,7 +50,7 @@ class Buffered:
         return length
 
     def flush(self) -> bool:
-        """Write what was handed over, in as few segments as the system can make of it; whether all has left."""
+        """Write pending bytes, in as few segments as the system can form; returns whether none are left."""
         try:
             while self._leaving:
                 data = self._next()
@@ -66,7 +66,7 @@ class Buffered:
         return not self._leaving
 
     def _next(self) -> bytes:
-        """What leaves at once: packets up to a number of bytes together."""
+        """The bytes of one write: as many packets as fit, about."""
         data = self._leaving.popleft()
         if not self._leaving or len(data) >= _AT_ONCE_BYTES:
             return data
@@ -76,7 +76,7 @@ class Buffered:
             length += len(packets[-1])
         return b"".join(packets)
 
-    # What paho calls.
+    # Called by paho.
 
     def recv(self, count: int) -> bytes:
         data, self.for_paho = self.for_paho[:count], self.for_paho[count:]
@@ -85,12 +85,12 @@ class Buffered:
         return data
 
     def send(self, data: bytes | bytearray) -> int:
-        """Hand over what leaves with the next `flush`."""
+        """Queue bytes for the next `flush`."""
         self._leaving.append(bytes(data))
         return len(data)
 
     def close(self) -> None:
-        """Close it behind what was handed over, as far as the system takes that now."""
+        """Write pending bytes, as far as the system accepts them now, and close the socket."""
         if self.sock.fileno() >= 0:
             self.flush()
         self.sock.close()

@@ -1,4 +1,4 @@
-"""What a connection to a broker reports to whoever runs it."""
+"""The reports of a connection to a broker."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..effects import Inbound, Subscribe
 
 
 class LinkEvents(Protocol):
-    """What a connection reports to its role's runner, always in the event loop's thread."""
+    """The reports of a connection to its role's runner, always in the event loop's thread."""
 
     def connected(self, link: str) -> None: ...
     def disconnected(self, link: str) -> None: ...

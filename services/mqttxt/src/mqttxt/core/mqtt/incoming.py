@@ -1,4 +1,4 @@
-"""What a broker sends, read in bulk: messages pass paho by, and what they are is delivered once paho has returned."""
+"""Reads a broker's bytes in bulk: messages bypass paho, and everything is delivered once paho has returned."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from .properties import LARGEST_PACKET
 logger = logging.getLogger("mqttxt.mqtt")
 
 _LONGEST_OTHER = 4096
-"""Of packets that are no PUBLISH. paho reads these, and takes longer for each of their properties than for the last."""
+"""Bytes of a packet other than PUBLISH; paho parses these, and takes longer for each further property."""
 _TAKEN_AT_ONCE = 256
 _SERIALS = count(1)
 _UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
-"""What paho raises, beside what it handles itself, on bytes that are not MQTT."""
+"""Errors that paho raises, besides those it handles itself, on bytes that are not MQTT."""
 
 
 class Incoming:
-    """The way in of one connection; `broken` is called for a broker that sends what is not MQTT.
+    """The receiving side of one connection; `broken` is called if the broker sends bytes that are not MQTT.
 
-    With `manual_ack` a message at QoS 1 has a receipt, and waits for `acknowledge`.
+    With `manual_ack` a message at QoS 1 has a receipt, and its PUBACK waits for `acknowledge`.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Incoming:
         self._take_is_due = False
 
     def readable(self) -> None:
-        """Read what is there, and take it."""
+        """Read the available bytes and process them."""
         sock = self._outgoing.sock
         if sock is not None and not self._take_is_due:
             if sock.fetch():
@@ -75,7 +75,7 @@ class Incoming:
             self.take()
 
     def take(self) -> None:
-        """Take what has come, up to a number of packets, and deliver what it was; the rest in the next turn."""
+        """Process a bounded number of received packets and deliver them; the rest follows in the loop's next turn."""
         self._take_is_due = False
         for _ in range(_TAKEN_AT_ONCE):
             sock = self._outgoing.sock
@@ -95,23 +95,23 @@ class Incoming:
                 act, args = self._notes.popleft()
                 act(*args)
         finally:
-            if self._notes:  # a role failed: the loop reports it, and the rest is delivered all the same
+            if self._notes:  # a role failed: the loop reports it, and the rest is still delivered
                 self._take_is_due = True
             if self._take_is_due:
                 self._loop.call_soon(self.take)
 
     def note(self, act: Callable[..., None], *args: Any) -> None:
-        """To be done once paho has returned."""
+        """Call `act` once paho has returned."""
         self._notes.append((act, args))
 
     def acknowledge(self, receipt: Receipt) -> None:
-        """PUBACK for a message, unless another connection received it. In the order of their receipt."""
+        """Send the PUBACK of a message, unless another connection received it; to be called in the order of arrival."""
         serial, mid = receipt
         if serial == self._serial:
             self._client.ack(mid, 1)
 
     def _take_packet(self, sock: Buffered) -> bool:
-        """Take the first packet of what has come; False where none is whole."""
+        """Process the first received packet; returns False if none is complete."""
         came, start = sock.came, sock.start
         body, end = end_of(came, start)
         if end - start > LARGEST_PACKET:
@@ -152,6 +152,6 @@ class Incoming:
                 self.note(self._answer, mid, qos)
 
     def _answer(self, mid: int, qos: int) -> None:
-        """PUBACK, behind what a role does by the message: a command goes on before its sender's broker is answered."""
+        """Send the PUBACK after the role has handled the message, so that a command is forwarded before the PUBACK."""
         if self._outgoing.sock is not None:
             self._client.ack(mid, qos)

@@ -1,4 +1,4 @@
-"""What the log has of a connection that is down: each reason once, and that it is back, with how long it took."""
+"""Logs the outages of a connection: each reason once, and the reconnection with the length of the outage."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ..address import BrokerAddress
 logger = logging.getLogger("mqttxt.mqtt")
 
 IN_VAIN_S = 2.0
-"""A broker that accepted the last connection and was then of no use counts as back after so long."""
+"""After a connection that was accepted and of no use, the next one must last this long to count as back."""
 
 
 class Outage:
-    """The times without a connection of the link `name` to `address`; times are seconds of the event loop's clock."""
+    """The outages of the link `name` to `address`; times are seconds of the event loop's clock."""
 
     def __init__(self, name: str, address: BrokerAddress) -> None:
         self._where = (name, address)
@@ -21,15 +21,15 @@ class Outage:
         self._failures = 0
         self._told: set[str] = set()
         self.patience_s = 0.0
-        """How long a connection has to last before `end` is called."""
+        """How long a connection has to last before its link calls `end`."""
 
     def begin(self, now_s: float) -> None:
-        """A connection that was of use is lost."""
+        """A working connection is lost."""
         self._since_s = now_s
         logger.warning("%s: %s: connection lost; trying again", *self._where)
 
     def fail(self, reason: str, now_s: float, *, was_accepted: bool) -> None:
-        """An attempt led to nothing, or to a connection that the broker ended with a reason."""
+        """An attempt failed, or its connection was of no use; `was_accepted`: the broker had accepted it."""
         self._since_s = now_s if self._since_s is None else self._since_s
         self._failures += 1
         self.patience_s = IN_VAIN_S if was_accepted else 0.0
@@ -38,7 +38,7 @@ class Outage:
             logger.warning("%s: %s: %s; trying again", *self._where, reason)
 
     def end(self, now_s: float) -> None:
-        """There is a connection."""
+        """The connection is up."""
         if self._since_s is None:
             logger.info("%s: connected to %s", *self._where)
         else:

@@ -1,4 +1,4 @@
-"""What a connection hands over to its broker, in bulk; at QoS 0 past paho, of which there may be thousands a second."""
+"""Writes to a broker in bulk; QoS 0 messages, of which there may be thousands per second, bypass paho."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
     from .buffered import Buffered
 
 TOO_LONG, TOO_MUCH = 0x95, 0x97
-"""Reason codes of what is not handed over (MQTT 5.0, 2.4): packet too large, quota exceeded."""
+"""Reason codes of messages that are dropped (MQTT 5.0, 2.4): packet too large, quota exceeded."""
 MOST_HELD = 10_000
-"""Publishes that wait while the broker takes no bytes or, at QoS 1, acknowledges none; further ones are dropped."""
+"""How many publishes wait while the broker reads nothing or, at QoS 1, acknowledges nothing; others are dropped."""
 _MOST_OWED = 2000
-"""Above what a broker may send without reading: the Receive Maximum, and an answer to each of our own publishes."""
+"""More than a broker may send without reading: the Receive Maximum, and an answer to each of our own publishes."""
 
 
 class Outgoing:
-    """The way out of one connection, within what the broker's CONNACK allows (`accepted`).
+    """The sending side of one connection, within the limits of the broker's CONNACK (`accepted`).
 
-    `failed` is called where writing ended the connection.
+    `failed` is called when a write fails.
     """
 
     def __init__(
         self, name: str, address: BrokerAddress, client: Client, events: LinkEvents, failed: Callable[[], object]
     ) -> None:
         self.wrote_s = 0.0
-        """When something was last written, in the event loop's time."""
+        """Time of the last write, in seconds of the event loop's clock."""
         self._name = name
         self._address = address
         self._client = client
@@ -55,12 +55,12 @@ class Outgoing:
 
     @property
     def sock(self) -> Buffered | None:
-        """None where it is closed."""
+        """The socket; None if it is closed."""
         return cast("Buffered | None", self._client.socket())
 
     @property
     def has_waiting(self) -> bool:
-        """Whether something waits for an acknowledgement of what went before."""
+        """Whether messages wait because earlier ones are not acknowledged."""
         return bool(self._waiting)
 
     def accepted(self, connack: object) -> None:
@@ -68,9 +68,9 @@ class Outgoing:
         self._aliases = AliasTable(self._limits.aliases)
 
     def publish(self, effect: Publish) -> int:
-        """Hand a message over; all that is handed over in one turn of the event loop leaves together.
+        """Send a message; all messages of one turn of the event loop are written together.
 
-        Returns 0; of a message that is counted and dropped, the reason code of what is too much, or too long.
+        Returns 0, or, if the message is counted and dropped, TOO_MUCH or TOO_LONG.
         """
         if self._is_blocked and effect.qos == 0:
             if self._held >= MOST_HELD:
@@ -88,7 +88,7 @@ class Outgoing:
             self._events.count("held_up", f"{self._name}: {effect.topic}: {self._address} acknowledges nothing")
             return TOO_MUCH
         if effect.qos == 0:
-            if self._client.want_write():  # what paho has yet to write comes first
+            if self._client.want_write():  # paho's own unwritten packets come first
                 self._client.loop_write()
             sock = self.sock
             if sock is not None:
@@ -105,7 +105,7 @@ class Outgoing:
         return 0
 
     def send(self, packet: bytes) -> None:
-        """Hand a packet over, past paho."""
+        """Send a packet, bypassing paho."""
         sock = self.sock
         if sock is not None:
             sock.send(packet)
@@ -117,25 +117,25 @@ class Outgoing:
         return self._refs.pop(mid, None)
 
     def go_on(self) -> None:
-        """Behind an acknowledgement there is room for a publish that waits."""
+        """After an acknowledgement, send the next waiting message."""
         if self._waiting and self.sock is not None:
             self.publish(self._waiting.popleft())
         self._check_settled()
 
     def owe_an_answer(self) -> None:
-        """Raises ValueError for a broker that goes on asking for answers and does not read them."""
+        """Count an answer for a broker that reads nothing; raises ValueError after too many of them."""
         self._owed += self._is_blocked
         if self._owed > _MOST_OWED:
             raise ValueError(f"{self._owed} packets, without reading the answers")
 
     def flush_soon(self) -> None:
-        """Write what was handed over when this turn of the event loop is over, or when the system takes bytes again."""
+        """Write pending bytes at the end of this turn of the event loop, or when the system accepts bytes again."""
         if not self._flush_is_due and not self._is_blocked:
             self._flush_is_due = True
             self._loop.call_soon(self.flush)
 
     def flush(self) -> None:
-        """Write what waits; where the system does not take all, the rest when it does."""
+        """Write pending bytes; those that the system does not accept follow when it does."""
         self._flush_is_due = False
         if self.sock is not None:
             self._client.loop_write()
@@ -156,7 +156,7 @@ class Outgoing:
             self._check_settled()
 
     def settled(self) -> asyncio.Future[None]:
-        """Done once all that was handed over has left, and is acknowledged where that is asked for."""
+        """A future that is done once every message is written and, at QoS 1, acknowledged."""
         self.flush()
         self._settled = self._loop.create_future()
         self._check_settled()

@@ -1,6 +1,6 @@
-"""MQTT 5 packets that pass paho by: what leaves at QoS 0, every PUBLISH that comes, and where a packet ends.
+"""MQTT 5 packets that bypass paho: outgoing QoS 0 publishes, every incoming PUBLISH, and the end of each packet.
 
-paho takes 0.4 s for 64 KiB of a PUBLISH's properties, which any publisher may send, and which brokers pass on.
+paho needs 0.4 s for 64 KiB of a PUBLISH's properties, which any publisher may send and which brokers pass on.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ KIND, PUBLISH, RETAIN = 0xF0, 0x30, 0x01
 _EXPIRY, _ALIAS, _SUBSCRIPTION = 0x02, 0x23, 0x0B
 _FIXED_BYTES = {0x01: 1, _EXPIRY: 4}
 _STRINGS = {0x03: 1, 0x08: 1, 0x09: 1, 0x26: 2}
-"""Properties of a PUBLISH (MQTT 5.0, 3.3.2.3): those of a fixed length, and how many strings the others have."""
+"""Properties of a PUBLISH (MQTT 5.0, 3.3.2.3): the bytes of those with a fixed length, the strings in the others."""
 _LONGEST_HEADER = 5
-"""One byte of type and flags, and at most four of the length."""
+"""Bytes: one for type and flags, and at most four for the length."""
 
 
 def end_of(data: bytes, start: int) -> tuple[int, int]:
-    """Where the body and the end of the packet at `start` are; 0 and 0 where its header is not whole yet.
+    """The offsets of the body and the end of the packet at `start`; 0 and 0 if its header is incomplete.
 
-    Raises ValueError for a length that no packet has.
+    Raises ValueError for a length of more than four bytes.
     """
     length = shift = 0
     for at in range(start + 1, start + _LONGEST_HEADER):
@@ -36,10 +36,9 @@ def end_of(data: bytes, start: int) -> tuple[int, int]:
 
 
 def message_of(data: bytes, start: int, body: int, end: int, aliases: BrokersAliases) -> tuple[bytes, bytes, int, int]:
-    """Topic, payload, QoS and packet id (0 at QoS 0) of a PUBLISH; of its properties only an alias counts.
+    """Topic, payload, QoS and packet id (0 at QoS 0) of a PUBLISH; of its properties only an alias is read.
 
-    Raises ValueError for what nobody has subscribed to (QoS 2), an alias that stands for nothing, and what is no
-    PUBLISH.
+    Raises ValueError for QoS 2, which nobody has subscribed to, for an unknown alias, and for a malformed PUBLISH.
     """
     qos = data[start] >> 1 & 3
     if qos > 1:
@@ -53,7 +52,7 @@ def message_of(data: bytes, start: int, body: int, end: int, aliases: BrokersAli
         mid = data[topic_end] << 8 | data[topic_end + 1]
     payload, name = properties + 1, data[topic:topic_end]
     if data[properties] != 0:
-        begin, payload = end_of(data, properties - 1)  # which has their length where a packet has its own
+        begin, payload = end_of(data, properties - 1)  # their length is encoded like a packet's
         if not properties < payload <= end:
             raise ValueError("a PUBLISH that ends before its payload")
         if aliases.maximum:
@@ -64,7 +63,7 @@ def message_of(data: bytes, start: int, body: int, end: int, aliases: BrokersAli
 
 
 def _alias_of(properties: bytes) -> int | None:
-    """The topic alias among them; None where there is none before what no PUBLISH has."""
+    """The topic alias among properties; None if none precedes a property that no PUBLISH has."""
     at, end = 0, len(properties)
     while at < end:
         kind, at = properties[at], at + 1
@@ -81,7 +80,7 @@ def _alias_of(properties: bytes) -> int | None:
 
 
 def publish(message: Publish, topic: str, alias: int | None) -> bytes:
-    """A message as a PUBLISH at QoS 0, below a topic or an alias that has its place."""
+    """Encode a message as a PUBLISH at QoS 0; with an alias `topic` may be empty."""
     name = topic.encode()
     properties = b"" if message.expiry_s is None else bytes((_EXPIRY, *message.expiry_s.to_bytes(4, "big")))
     if alias is not None:

@@ -1,4 +1,4 @@
-"""MQTT 5 properties: what we announce to a broker, what it allows us, and those of a publish."""
+"""MQTT 5 properties of CONNECT and PUBLISH, and the limits in a broker's CONNACK."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 LARGEST_PACKET = 65_536
-"""Bytes; announced to the broker, which must not send more (MQTT 5.0, 3.1.2.11.4)."""
+"""Bytes; announced to the broker, which must not send longer packets (MQTT 5.0, 3.1.2.11.4)."""
 MOST_ALIASES = 4096
 MOST_RECEIVED = 1000
-"""Receive Maximum: QoS 1 publishes that the broker may send ahead of our acknowledgement."""
+"""Receive Maximum: how many QoS 1 publishes the broker may send without our acknowledgement."""
 MOST_IN_FLIGHT = 100
-"""Our QoS 1 publishes ahead of the broker's acknowledgement, if it allows as many."""
+"""How many QoS 1 publishes we send without the broker's acknowledgement, if it allows as many."""
 _OVERHEAD = 32
-"""Bytes of a PUBLISH beside topic and payload, at most: header 5, lengths 3, packet id 2, alias 3, expiry 5."""
+"""Upper bound of a PUBLISH's bytes besides topic and payload: header 5, lengths 3, packet id 2, alias 3, expiry 5."""
 
 
 def expiry_properties(expiry_s: int | None) -> Properties | None:
-    """Those of a PUBLISH that expires, None where it does not."""
+    """The properties of a PUBLISH; None if it does not expire."""
     if expiry_s is None:
         return None
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
@@ -28,7 +28,7 @@ def expiry_properties(expiry_s: int | None) -> Properties | None:
 
 
 def connect_properties(session_expiry_s: int, aliases: int) -> Properties:
-    """Those of a CONNECT: how long the session outlives the connection, and what may be sent to us."""
+    """The properties of a CONNECT: how long the session outlives the connection, and what the broker may send to us."""
     properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
     properties.SessionExpiryInterval = session_expiry_s
     properties.MaximumPacketSize = LARGEST_PACKET
@@ -40,7 +40,7 @@ def connect_properties(session_expiry_s: int, aliases: int) -> Properties:
 
 @dataclass(frozen=True)
 class BrokerLimits:
-    """What a broker's CONNACK allows; `largest_packet` in bytes, None for no limit."""
+    """The limits in a broker's CONNACK; `largest_packet` in bytes, None for no limit."""
 
     aliases: int = 0
     in_flight: int = MOST_IN_FLIGHT
@@ -55,5 +55,5 @@ class BrokerLimits:
         )
 
     def fits(self, topic: str, payload: bytes) -> bool:
-        """Whether a PUBLISH stays below the largest packet, by an upper bound of its length."""
+        """Whether a PUBLISH stays within the largest packet, by an upper bound of its length."""
         return self.largest_packet is None or len(payload) + 4 * len(topic) + _OVERHEAD <= self.largest_packet

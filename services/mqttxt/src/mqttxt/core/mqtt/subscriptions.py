@@ -1,4 +1,4 @@
-"""The SUBSCRIBEs of a connection, one after the other: a broker may take a second for the first one's repetition."""
+"""The SUBSCRIBEs of a connection, one at a time: a broker may take a second one for a repetition of the first."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from ..effects import Subscribe
 
 UNSPECIFIED = 0x80
-"""From this reason code on MQTT's are errors."""
+"""The lowest of MQTT's reason codes that are errors."""
 _NEVER_GRANTED = frozenset({0x87, 0x8F, 0x9E, 0xA1, 0xA2})
-"""SUBACK reason codes that asking again cannot mend (MQTT 5.0, 3.9.3)."""
+"""SUBACK reason codes for which a retry is pointless (MQTT 5.0, 3.9.3)."""
 
 
 class Subscriptions:
-    """What is to be subscribed on a client. `granted` hears of each effect, `refused` of a filter that was not granted.
+    """The queue of a client's subscriptions. `granted` is called with each granted effect, `refused` for a refusal.
 
-    `refused` has the filter, the reason code, and whether asking again cannot mend it.
+    The arguments of `refused` are the filter, the reason code, and whether a retry is pointless.
     """
 
     def __init__(
@@ -32,13 +32,13 @@ class Subscriptions:
         self._under_way: int | None = None
 
     def subscribe(self, effect: Subscribe) -> None:
-        """Subscribe, behind what is under way."""
+        """Subscribe once the earlier subscriptions are answered."""
         self._waiting.append(effect)
         if self._under_way is None:
             self._send_next()
 
     def on_suback(self, mid: int, codes: Sequence[int]) -> None:
-        """The broker has answered the SUBSCRIBE with this packet id, with a reason code per filter."""
+        """The broker has answered the SUBSCRIBE with packet id `mid`: one reason code per filter."""
         if mid != self._under_way:
             return
         self._under_way = None

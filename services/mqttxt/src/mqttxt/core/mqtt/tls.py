@@ -1,4 +1,4 @@
-"""Mutual TLS 1.3 with a node's identity: whom a connection trusts, and what it shows."""
+"""Mutual TLS 1.3 with a node's identity: which brokers a connection trusts, and which certificate it shows."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from .alerts import AlertSocket
 logger = logging.getLogger("mqttxt.tls")
 
 KEY_LOG = "SSLKEYLOGFILE"
-"""The environment's variable, of many programs, that names a file for session keys: whoever has them reads captures."""
+"""The environment variable, common to many programs, that names a file for session keys; they decrypt captures."""
 _NO_CHECK_TIME = ssl.VerifyFlags(0x200000)
-"""X509_V_FLAG_NO_CHECK_TIME: the system's clock may be in 1970; the handshake here judges by the trusted time."""
+"""X509_V_FLAG_NO_CHECK_TIME: the system's clock may show 1970, so the handshake here goes by the trusted time."""
 
 
 class FleetContext(ssl.SSLContext):
-    """For one connection: what the node trusts and shows, and in `alert` why the broker refused it, if it did."""
+    """The TLS context of one connection; `alert` is the broker's reason if it refused this node."""
 
     identity: Identity
     alert: str | None = None
 
 
 class FleetSocket(AlertSocket):
-    """Looks at the broker's certificate before a byte of MQTT is sent."""
+    """Verifies the broker's certificate before a byte of MQTT is sent."""
 
     def do_handshake(self, block: bool = False) -> None:
         super().do_handshake(block)
@@ -49,10 +49,10 @@ class FleetSocket(AlertSocket):
 
 
 def client_context(identity: Identity) -> FleetContext:
-    """For one connection as a node to a broker of its fleet: TLS 1.3 alone, the broker's name checked.
+    """Make the context of one connection to a broker of the node's fleet: TLS 1.3 only, with the broker's name checked.
 
-    The broker's certificate is of this fleet, valid at the trusted time and not revoked, or the handshake fails.
-    Raises OSError where the identity's files, or the file for session keys, cannot be used.
+    The handshake fails unless the broker's certificate is of this fleet, valid at the trusted time and not revoked.
+    Raises OSError if the identity's files, or the file for session keys, cannot be used.
     """
     context = FleetContext(ssl.PROTOCOL_TLS_CLIENT)
     context.identity = identity
@@ -72,12 +72,12 @@ def client_context(identity: Identity) -> FleetContext:
 
 @functools.cache
 def _tell_of_keys(path: str) -> None:
-    """Once: it is for measurements, and nobody is to find it out late."""
+    """Warn once per file: writing keys is for measurements, and should be noticed at once."""
     logger.warning("%s: session keys are written to %s; who has them can decrypt this node's traffic", KEY_LOG, path)
 
 
 def wrong_with(identity: Identity, der: bytes | None) -> str | None:
-    """Why a peer is no broker of the fleet; None where it is one."""
+    """Why the certificate `der` is not that of a broker of the fleet, as text; None if it is."""
     if der is None:
         return "it shows no certificate"
     try:

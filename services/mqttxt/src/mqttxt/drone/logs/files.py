@@ -1,7 +1,7 @@
-"""The folder of logs on the drone's disk: what was read of one, and the whole ones, compressed, by their hash.
+"""The folder of logs on the drone's disk: partly read logs, and whole ones, compressed, by their hash.
 
-A log that is read in part is `KIND.part`; a whole one `KIND.HASH.z`, which it becomes in one step. So nothing that was
-written half looks whole.
+A partly read log is `KIND.part`, a whole one `KIND.HASH.z`, to which it is renamed in one step. So a half-written log
+never looks whole.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ from . import DEFAULT_LIMIT_MB
 logger = logging.getLogger("mqttxt.logs")
 
 RESERVE_BYTES = 64_000_000
-"""What stays free of the disk: a journal that cannot be written denies commands."""
+"""Space that logs leave free on the disk: without room for the journal, commands are denied."""
 _READ_BYTES = 65_536
 _HEXADECIMAL = "[0-9a-f]" * 2 * HASH_BYTES
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 class LogFiles:
-    """At most `limit_bytes` of logs in a folder; raises ConfigurationError for one that cannot be it.
+    """At most `limit_bytes` of logs in a folder. Raises ConfigurationError for an unusable folder.
 
-    To be used by one thread at a time.
+    Use it from one thread at a time.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class LogFiles:
             logger.error("%s: %s; no logs are kept until it can be written", folder, error.strerror)
 
     def carry_out(self, work: LogWork) -> LogDone | None:
-        """Do one thing; a disk that does not take it is a LogFault."""
+        """Carry out one request; an error of the disk is a LogFault."""
         turn = 0 if isinstance(work, DropLog | LoadLog) else work.turn
         try:
             if isinstance(work, OpenLog):
@@ -92,7 +92,7 @@ class LogFiles:
         return self.folder / f"{log.kind}.{hash.hex()}.z"
 
     def _opened(self, work: OpenLog) -> LogOpened:
-        """What there is of a log. Where it is not known for sure, the last block may not be on the disk."""
+        """How much of a log is stored. Beyond `work.sure` bytes, the last block may not be on the disk."""
         for path in self.folder.glob(f"{work.log.kind}.{_HEXADECIMAL}.z"):
             os.utime(path)
             whole = WholeLog(bytes.fromhex(path.suffixes[-2][1:]), path.stat().st_size)
@@ -131,7 +131,7 @@ class LogFiles:
         return LogWritten(work.turn)
 
     def _make_room(self, wanted: int, spared: Path) -> None:
-        """Remove what was touched longest ago, until `wanted` bytes more are within the limit."""
+        """Remove the least recently used files, until `wanted` more bytes are within the limit."""
         found = sorted(
             ((path.stat().st_mtime, path) for path in self.folder.glob("log.*") if path != spared), reverse=True
         )

@@ -12,17 +12,17 @@ from .files import LogFiles
 
 
 class LogPort:
-    """Does what is asked of the folder, in its order; `on_done` gets what comes of it."""
+    """Carries out requests to the folder in their order; `on_done` gets the results."""
 
     def __init__(self, files: LogFiles, on_done: Callable[[LogDone], None]) -> None:
         self._files = files
         self._on_done = on_done
         self._asked: asyncio.Queue[LogWork] = asyncio.Queue()
         self.does: dict[type[Any], Callable[[Any], object]] = dict.fromkeys(get_args(LogWork), self._asked.put_nowait)
-        """What carries out each kind of effect that is for the folder."""
+        """The function that carries out each kind of effect on the folder."""
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Run until cancelled."""
         loop = asyncio.get_running_loop()
         with ThreadPoolExecutor(1, "logs") as thread:
             while True:

@@ -1,4 +1,4 @@
-"""Reads the autopilot's logs when a station asks for one: on the ground alone, a little at a time (section 18)."""
+"""Reads the autopilot's logs when a station asks for one: only while disarmed, in small pieces (section 18)."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ from ..mavlink.vehicle import Vehicle
 from ..runs import Output
 
 LEAST_MESSAGES, MOST_MESSAGES = 10, 64
-"""LOG_DATA that is asked for at a time: as many as came within WINDOW_MS the time before."""
+"""LOG_DATA requested at a time: as many as the last request would have brought within WINDOW_MS."""
 WINDOW_MS = 200
 MOST_BYTES_S = 65_536
-"""What is read of an autopilot in a second at the most."""
+"""The most bytes that are read of an autopilot per second."""
 WAY_MS = 2000
-"""How long nothing is asked for after a command has come."""
+"""How long nothing is requested after a command has arrived."""
 WANTED_MS = 60_000
-"""How long a log is read on after the last question for it."""
+"""How long a log is read after a station's last request for it."""
 FRESH_MS = 1000
-"""How long a list counts as the autopilot's."""
+"""How long a list of logs that was read is given out."""
 
 
 class _Phase(Enum):
-    """Where the reading of a log is.
+    """The phase of reading a log.
 
-    WAITING for a command to be over; OPENING: what there is of it on the disk; LISTING: whether the autopilot has it;
-    PROVING: whether it gives the last bytes that are there again; READING; WRITING; CHECKING: whether it still has it;
+    WAITING until `WAY_MS` after a command; OPENING: how much of it is stored; LISTING: whether the autopilot has it;
+    PROVING: whether it sends the last stored bytes again; READING; WRITING; CHECKING: whether it still has it;
     FINISHING; OVER.
     """
 
@@ -65,7 +65,7 @@ _AT_AUTOPILOT = frozenset({_Phase.LISTING, _Phase.PROVING, _Phase.READING, _Phas
 
 @dataclass
 class _Job:
-    """One log that is read: `done` bytes of it are on the disk, `block` are those behind them that are not yet."""
+    """One log that is read: `done` bytes of it are on the disk, and `block` are the next ones, not written yet."""
 
     log: FlightLog
     asked_ms: int
@@ -82,7 +82,7 @@ class _Job:
 
 
 class LogReader:
-    """One autopilot's logs. What is asked of the disk comes out as an effect, and its answer in by `on_done`."""
+    """Reads one autopilot's logs. Requests to the disk are returned as effects, and `on_done` takes their results."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -95,10 +95,10 @@ class LogReader:
         self._messages = LEAST_MESSAGES
         self._turns = count(1)
 
-    # -- what stations ask ----------------------------------------------------------------------------------
+    # -- requests of stations -------------------------------------------------------------------------------
 
     def listed(self, now_ms: int, known: bytes | None = None) -> bytes | str | Unchanged | None:
-        """The list of logs, packed; why there is none; None while it is read."""
+        """The list of logs, packed, or why there is none; None while it is read."""
         reason = self._refusal(now_ms)
         if reason is not None:
             return reason
@@ -109,7 +109,7 @@ class LogReader:
         return None
 
     def want(self, log: FlightLog, now_ms: int) -> None:
-        """A station asks for a log: it is read, or goes on to be. One is read at a time, the one asked for last."""
+        """Start or continue reading a log for a station. One is read at a time, the one requested last."""
         job = self._job
         if job is not None and job.log == log and job.phase is not _Phase.OVER:
             job.asked_ms = now_ms
@@ -118,7 +118,7 @@ class LogReader:
             self._job = _Job(log, now_ms, self._vehicle.boots.restarts, done=done)
 
     def progress(self, log: FlightLog) -> WholeLog | Making | str:
-        """What has become of a log that was asked for: it is there, it is being read, or why it is not."""
+        """The progress of a requested log: the whole log, how much of it is read, or the reason of a failure."""
         job = self._job
         if job is None or job.log != log:
             return "other_log_wanted"
@@ -126,10 +126,10 @@ class LogReader:
             return job.result
         return Making(min(log.size, job.done + len(job.block)), log.size)
 
-    # -- what happens ---------------------------------------------------------------------------------------
+    # -- events ---------------------------------------------------------------------------------------------
 
     def give_way(self, now_ms: int) -> list[Output]:
-        """A command comes: the autopilot has nothing else to do, and ArduPilot may not arm while it sends a log."""
+        """Stop reading for a command: the autopilot shall do nothing else, and ArduPilot may not arm while it sends."""
         self._quiet_until_ms = now_ms + WAY_MS
         return self._break_off()
 
@@ -148,7 +148,7 @@ class LogReader:
         return []
 
     def tick(self, now_ms: int) -> list[Output]:
-        """What is due by time, and what the autopilot's state forbids."""
+        """Send what is due by time, and stop what the autopilot's state forbids."""
         if self._job is None and self._listing is None and not self._is_list_wanted:
             return []
         job, reason = self._job, self._refusal(now_ms)
@@ -166,7 +166,7 @@ class LogReader:
                 job.restarts = self._vehicle.boots.restarts
                 out += self._break_off()
         if not self._vehicle.is_alive(now_ms):
-            return out  # it may come back
+            return out  # its heartbeats may return
         if self._listing is not None:
             out += [Transmit(one) for one in self._listing.due(now_ms)]
         if job is not None and job.window is not None:
@@ -174,7 +174,7 @@ class LogReader:
         return out + self._go_on(now_ms)
 
     def on_done(self, done: LogDone, now_ms: int) -> list[Output]:
-        """What the disk has done."""
+        """Go on after a result from the disk."""
         job = self._job
         if (
             job is None
@@ -219,13 +219,13 @@ class LogReader:
         is_due = self._is_list_wanted or (job is not None and job.phase in (_Phase.LISTING, _Phase.CHECKING))
         if is_due and self._listing is None and not is_quiet:
             if job is not None and job.window is not None:
-                out += self._break_off()  # one is asked for at a time
+                out += self._break_off()  # one request at a time
             self._listing = Listing(self._vehicle.system_id)
             out += [Transmit(one) for one in self._listing.begin(now_ms)]
         return out
 
     def _on_listed(self, listed: Listing) -> list[Output]:
-        """Whether the log that is read is one of them: the same, or one that has grown since."""
+        """Go on if the log is in the list, the same or grown since; otherwise end its reading."""
         job = self._job
         if job is None or job.phase not in (_Phase.LISTING, _Phase.CHECKING):
             return []
@@ -243,7 +243,7 @@ class LogReader:
         return []
 
     def _ask(self, job: _Job, now_ms: int) -> list[Output]:
-        """For the next bytes: no more than the link has carried lately, and than the block has room for."""
+        """Request the next bytes: at most as many as the link has carried lately and the block has room for."""
         if job.phase is _Phase.PROVING:
             start, end = job.done - len(job.tail), job.done
         else:
@@ -276,7 +276,7 @@ class LogReader:
         return [WriteLog(job.turn, job.log, job.done, bytes(job.block))]
 
     def _break_off(self) -> list[Output]:
-        """Ask for nothing any more; what is read goes on with what is on the disk."""
+        """Stop requesting. The reading later goes on from the bytes on the disk."""
         job = self._job
         is_asked = self._listing is not None
         self._listing = None
@@ -287,21 +287,21 @@ class LogReader:
         return [Transmit(end_message(self._vehicle.system_id))] if is_asked else []
 
     def _end(self, reason: str) -> list[Output]:
-        """The log is not read any more; what is on the disk stays there."""
+        """End the reading of the log; its bytes on the disk stay."""
         assert self._job is not None
         out = self._break_off() if self._job.phase in _AT_AUTOPILOT else []
         self._job.phase, self._job.turn, self._job.result = _Phase.OVER, 0, reason
         return out
 
     def _refusal(self, now_ms: int) -> str | None:
-        """Why the autopilot is not asked for logs now."""
+        """Why no logs may be requested now; None if they may."""
         if self._vehicle.is_lost(now_ms):
             return "no_autopilot"
         return None if self._vehicle.seen(Armed) == Armed(False) else "armed"
 
 
 def _is_of(listed: FlightLog, wanted: FlightLog, all_listed: tuple[FlightLog, ...]) -> bool:
-    """Whether a log is the one that is wanted. Only the newest grows, and only its time may be a later one."""
+    """Whether a listed log is the wanted one. Only the newest log grows, and only its time may be later."""
     if listed.number != wanted.number or listed.size < wanted.size:
         return False
     if listed.time_s == wanted.time_s:

@@ -1,1 +1,1 @@
-"""MAVLink: the link to an autopilot, what its messages mean as states, and commands as messages."""
+"""MAVLink: the link to an autopilot, states from its messages, and messages for commands."""

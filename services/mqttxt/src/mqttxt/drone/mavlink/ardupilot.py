@@ -1,7 +1,7 @@
 """ArduCopter: its modes (after ArduPilot's Copter mode numbers), and how commands are written to it.
 
 No field of a command is ever NaN: ArduCopter of May 2024 ends with a floating point exception on one in NAV_TAKEOFF,
-CONDITION_YAW and others. Of a mission it refuses an item with a NaN that it does not expect, but not of its fence.
+CONDITION_YAW and others. It refuses mission items with an unexpected NaN, but accepts such items of a fence.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ _ARMABLE: Final = frozenset(
         FlightModeName.GUIDED,
     }
 )
-"""Modes in which it arms and then stays on the ground. After a landing it is in LAND or RTL, where it refuses to."""
+"""Modes in which it arms and then stays on the ground. After a landing it is in LAND or RTL, and refuses to arm."""
 
 
 _KEPT: Final[dict[int, tuple[int, ...]]] = {
@@ -100,24 +100,24 @@ _KEPT: Final[dict[int, tuple[int, ...]]] = {
     mavlink.MAV_CMD_DO_JUMP: (0, 1),
     mavlink.MAV_CMD_NAV_RALLY_POINT: (),
 }
-"""The parameters that ArduCopter keeps of items, from 0; of others all."""
+"""The parameters, from 0, that ArduCopter keeps of these items; of others all."""
 
 
 def mode_name(custom_mode: int) -> FlightModeName:
-    """The name of HEARTBEAT.custom_mode; UNKNOWN for a mode that has none here."""
+    """The name of HEARTBEAT.custom_mode; UNKNOWN for a mode without a FlightModeName."""
     return _MODES.get(custom_mode, FlightModeName.UNKNOWN)
 
 
 def mode_number(name: FlightModeName) -> int:
-    """HEARTBEAT.custom_mode of a mode; raises KeyError for one that ArduCopter does not have."""
+    """HEARTBEAT.custom_mode of a mode. Raises KeyError for one that ArduCopter does not have."""
     return _NUMBERS[name]
 
 
 class ArduCopter(Autopilot):
     """A multicopter with ArduPilot.
 
-    GUIDED is where it takes off, goes to a position and follows set-points; BRAKE is where it holds. Other modes
-    that stay in place (LOITER, POSHOLD) obey the sticks, and without a remote control they descend: measured 2.5 m/s.
+    It takes off, flies to a position and follows set-points in GUIDED, and holds in BRAKE. Other modes that stay in
+    place (LOITER, POSHOLD) obey the sticks, and descend without a remote control, at 2.5 m/s as measured.
     """
 
     name = "ArduPilot's multicopters"
@@ -158,16 +158,16 @@ class ArduCopter(Autopilot):
         return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_NUMBERS[name]))
 
     def kept(self, item: PlanItem) -> PlanItem:
-        """The parameters that it has a use for, and of an item without a place no frame."""
+        """The parameters that it uses; the frame is left out for an item without a position."""
         kept = _KEPT.get(item.command, range(4))
         params = [param if place in kept else 0.0 for place, param in enumerate(item.params)]
-        if item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:  # which way round, and whether it leaves by the tangent
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:  # the direction, and whether it leaves by the tangent
             params[2:] = [-1.0 if (params[2] or 0.0) < 0 else 1.0, float((params[3] or 0.0) > 0)]
         frame = mavlink.MAV_FRAME_GLOBAL if item.frame == mavlink.MAV_FRAME_MISSION else item.frame
         return replace(item, frame=frame, params=tuple(params))
 
     def has_ended(self, vehicle: Vehicle, after: int) -> bool:
-        """It stays in its mode, and where it is."""
+        """After a mission it stays in its mode and stands still."""
         return vehicle.is_still(after)
 
     def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
@@ -198,7 +198,7 @@ class ArduCopter(Autopilot):
 
 
 def _takeoff(command: Takeoff, vehicle: Vehicle, now_ms: int) -> Plan:
-    """NAV_TAKEOFF takes the height above home. In LOITER it would be accepted too, and not be flown.
+    """NAV_TAKEOFF with the height above home, in GUIDED. In LOITER it would be accepted and not flown.
 
     In the air ArduCopter refuses it; entering GUIDED for it would only take the drone from its pilot.
     """
@@ -215,5 +215,5 @@ def _takeoff(command: Takeoff, vehicle: Vehicle, now_ms: int) -> Plan:
 
 
 def _goto(command: Goto, vehicle: Vehicle) -> Plan:
-    """DO_REPOSITION above home, into GUIDED; SET_POSITION_TARGET_GLOBAL_INT does the same, unacknowledged."""
+    """DO_REPOSITION above home, into GUIDED; SET_POSITION_TARGET_GLOBAL_INT does the same without acknowledgement."""
     return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL, 0.0, FlightModeName.GUIDED)

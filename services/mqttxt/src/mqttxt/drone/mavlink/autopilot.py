@@ -1,4 +1,4 @@
-"""What differs between kinds of autopilots, behind one interface; each kind has a module of its own."""
+"""The interface to the differences between kinds of autopilots; each kind has a module of its own."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 
 class Autopilot(ABC):
-    """One kind of autopilot: what its messages mean, and how commands are written to it. It keeps nothing.
+    """One kind of autopilot: the meaning of its messages, and the form of commands to it. It has no state.
 
-    `types` are the HEARTBEAT.type of those that fly so, None where modes and commands are the same for all.
-    `max_speed` and `cruise_speed` are the parameters that have the largest horizontal speed and the cruise speed,
-    any one of each, and what makes their values metres a second. `hold_mode` is the mode in which it stays where it
-    is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: it does nothing else there.
-    `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
-    not begin. `explains_afterwards`: its reason comes behind its refusal. `answers_twice` are the MAV_CMDs that it
-    may accept first, and then say what became of them. `home_items`: how many items its mission has in front of a
-    plan's own. `tells_of_fence`: it sends FENCE_STATUS, where it is asked to. `ends_on_nan`: a NaN among a command's
-    parameters ends its process. `bytewise`: whole parameters are carried as their bytes, else as numbers.
+    `types` are the HEARTBEAT.type values that it is for, None if modes and commands are the same for all.
+    `max_speed` and `cruise_speed` name the parameters for the largest horizontal speed and the cruise speed, any one
+    of each, with the factors that convert their values to m/s. `hold_mode` is the mode in which it stays where it
+    is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: that mode has no other use.
+    `priming` is how many set-points have to precede that mode. `refuses_as_failed`: it refuses commands with
+    MAV_RESULT_FAILED. `explains_afterwards`: its reason follows its refusal. `answers_twice` are the MAV_CMDs that it
+    may first accept, and then acknowledge again with the result. `home_items`: how many items its mission has before
+    those of the plan. `tells_of_fence`: it sends FENCE_STATUS on request. `ends_on_nan`: a NaN among a command's
+    parameters ends its process. `bytewise`: integer parameters are carried as their bytes, otherwise as numbers.
     """
 
     name: ClassVar[str]
@@ -50,7 +50,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
-        """The mode in a HEARTBEAT; UNKNOWN for one that has no name here."""
+        """The mode in a HEARTBEAT; UNKNOWN for one without a FlightModeName."""
 
     @abstractmethod
     def health(self, status: Any) -> Health:
@@ -58,25 +58,25 @@ class Autopilot(ABC):
 
     @abstractmethod
     def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
-        """MAV_CMD_DO_SET_MODE as COMMAND_LONG; raises KeyError for a mode that this kind does not have."""
+        """MAV_CMD_DO_SET_MODE as COMMAND_LONG. Raises KeyError for a mode that this kind does not have."""
 
     @abstractmethod
     def kept(self, item: PlanItem) -> PlanItem:
-        """What it keeps of an item of a plan; of what it gives back, the same."""
+        """An item with only the fields that the autopilot keeps, to compare it with one read back."""
 
     def hash_check(self, parameters: ParameterSet) -> int | None:
-        """The number that it gives as _HASH_CHECK where it has these parameters; None where it has no such number."""
+        """The _HASH_CHECK that an autopilot with these parameters reports; None if this kind has none."""
         return None
 
     @abstractmethod
     def has_ended(self, vehicle: Vehicle, after: int) -> bool:
-        """Whether messages after number `after` show that it has left a mission whose last item was reached."""
+        """Whether messages after number `after` show that it has ended a mission whose last item was reached."""
 
     @abstractmethod
     def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
-        """The plan of a command; raises CannotExecute where the autopilot's state does not allow to say it.
+        """The plan of a command. Raises CannotExecute if the autopilot's state forbids it.
 
-        `stream` and `mavlink` are the same for all kinds, and have their plans elsewhere.
+        `stream` and `mavlink` are the same for all kinds, and are planned elsewhere.
         """
 
     def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> Plan:

@@ -1,4 +1,4 @@
-"""The kinds of autopilots that are known, by HEARTBEAT."""
+"""The known kinds of autopilots, by HEARTBEAT."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ AUTOPILOTS: Final[dict[int, Autopilot]] = {
 
 
 def is_autopilots(message: Any) -> bool:
-    """Whether a message is the heartbeat of a flight controller, of a kind that is known or not."""
+    """Whether a message is the heartbeat of a flight controller, of a known kind or not."""
     if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != AUTOPILOT_COMPONENT:
         return False
     return bool(message.autopilot != mavlink.MAV_AUTOPILOT_INVALID)
 
 
 def kind_of(heartbeat: Any) -> Autopilot | None:
-    """The kind in a HEARTBEAT, None for one that is not known: ArduPilot's planes have other modes."""
+    """The kind in a HEARTBEAT, None for an unknown one, such as ArduPilot's planes, which have other modes."""
     found = AUTOPILOTS.get(heartbeat.autopilot)
     return found if found is None or found.types is None or heartbeat.type in found.types else None

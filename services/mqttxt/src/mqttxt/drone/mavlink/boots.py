@@ -1,22 +1,22 @@
-"""Whether an autopilot is still in the flight of before, or was started anew (docs/protocol.md, R5.26)."""
+"""Whether an autopilot has been restarted since it was last heard (docs/protocol.md, R5.26)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 SILENCE_MS = 200
-"""A silence within which an autopilot may have started anew: a PX4 in simulation needs some 0.5 s, others longer."""
+"""The longest silence in which no autopilot can restart: PX4 in simulation needs some 0.5 s, others longer."""
 DISORDER_MS = 1000
-"""How far back a time since the start may go without a new start: messages overtake each other."""
+"""How far the time since the start may go back without a restart: messages overtake each other."""
 _TELL_TIME = frozenset({"ATTITUDE", "GLOBAL_POSITION_INT", "SYSTEM_TIME"})
-"""Messages whose `time_boot_ms` is the moment at which they are written."""
+"""Messages whose `time_boot_ms` is the time of their writing."""
 
 
 class Boots:
-    """Counts the restarts of one autopilot, by the time since its start that its messages have.
+    """Counts the restarts of one autopilot, by the time since its start in its messages.
 
-    After a silence `is_sure` is false until a message has such a time: a restarted autopilot says first that it is
-    disarmed and on the ground, even in the air. `sure_ms` is then the last heartbeat before the silence.
+    After a silence `is_sure` is false until a message with such a time arrives: a restarted autopilot first reports
+    that it is disarmed and on the ground, even in the air. `sure_ms` is then the last heartbeat before the silence.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class Boots:
         self._newest_ms: int | None = None
 
     def on_message(self, message: Any, silence_ms: int, heartbeat_ms: int | None) -> None:
-        """A message came `silence_ms` after the one before; the last heartbeat before it was at `heartbeat_ms`."""
+        """A message arrived `silence_ms` after the one before; the last heartbeat before it was at `heartbeat_ms`."""
         if silence_ms > SILENCE_MS and self.is_sure and self._newest_ms is not None:
             self.is_sure, self.sure_ms = False, heartbeat_ms
         if message.get_type() not in _TELL_TIME:

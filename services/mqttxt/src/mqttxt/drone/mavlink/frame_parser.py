@@ -1,7 +1,7 @@
-"""MAVLink frames out of bytes: each datagram is a whole, and a stream finds its way back after noise.
+"""Parses MAVLink frames: each datagram by itself, and a stream with resynchronisation after noise.
 
-pymavlink's own parser believes a length before it has seen the checksum: two bytes of noise swallow up to 280 that
-follow. Here what turns out to be no frame costs its first byte, and the search goes on behind that.
+pymavlink's own parser trusts a length before it has checked the checksum: two bytes of noise swallow up to 280 that
+follow. This parser drops only the first byte of an invalid frame, and searches on from the next.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 HELD_S = 0.5
-"""How long the rest of a frame is waited for: one of the longest takes 0.05 s at 57,600 baud."""
+"""How long to wait for the rest of a frame: the longest takes 0.05 s at 57,600 baud."""
 MOST_SPOILT = 32
-"""Places at which a datagram may be no frame before the rest of it is given up: each costs a checksum."""
+"""How many invalid frames a datagram may have before the rest of it is dropped: each costs a checksum."""
 NO_FRAME = "mavlink_malformed"
 MAGIC = (mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2)
 _V1_BYTES, _V2_BYTES = 8, 12
@@ -25,14 +25,14 @@ _DECODER = mavlink.MAVLink(None)
 
 @dataclass(frozen=True)
 class Malformed:
-    """What is not heard, and why; `kind` is under what it is counted."""
+    """Input that is dropped, and the reason; `kind` is the counter's name."""
 
     kind: str
     reason: str
 
 
 def in_datagram(data: bytes) -> Iterator[Any]:
-    """The messages of one datagram, and what in it was none; of noise alone only the beginning is looked at."""
+    """The messages and the invalid parts of one datagram, up to `MOST_SPOILT` invalid parts."""
     spoilt = 0
     for found in _in_whole(bytearray(data)):
         yield found
@@ -50,7 +50,7 @@ def _in_whole(rest: bytearray) -> Iterator[Any]:
 
 
 class StreamFrames:
-    """The frames of a stream of bytes; `len` is how many bytes wait for the rest of a frame."""
+    """The frames of a stream of bytes; `len` is the number of bytes that wait for the rest of a frame."""
 
     def __init__(self) -> None:
         self._rest = bytearray()
@@ -60,7 +60,7 @@ class StreamFrames:
         return len(self._rest)
 
     def feed(self, data: bytes, now_s: float) -> Iterator[Any]:
-        """The messages that are whole now, and what was none."""
+        """The messages that are now complete, and invalid parts."""
         before = len(self._rest)
         self._rest += data
         yield from self._whole(now_s, before)
@@ -77,7 +77,7 @@ class StreamFrames:
 
 
 def _take(data: bytearray) -> Iterator[Any]:
-    """Take what is whole from the front of `data`; what is left begins with a frame that is not."""
+    """Take complete frames and noise from the front of `data`; the rest begins with an incomplete frame."""
     while data:
         if data[0] not in MAGIC:
             start = next((at for at, byte in enumerate(data) if byte in MAGIC), len(data))
@@ -104,13 +104,13 @@ def _take(data: bytearray) -> Iterator[Any]:
 
 
 def _check_flags(data: bytearray) -> None:
-    """Raises MAVError for a frame that only a newer MAVLink understands (`incompat_flags`)."""
+    """Raises MAVError for a frame that needs a newer MAVLink (`incompat_flags`)."""
     if data[0] == mavlink.PROTOCOL_MARKER_V2 and data[2] & ~mavlink.MAVLINK_IFLAG_SIGNED:
         raise mavlink.MAVError(f"invalid incompat_flags 0x{data[2]:02x}")
 
 
 def _size(data: bytearray) -> int | None:
-    """The length in the head of the frame at the front, None before that has come."""
+    """The length in the header of the frame at the front, None before the header is complete."""
     if data[0] == mavlink.PROTOCOL_MARKER_V1:
         return _V1_BYTES + data[1] if len(data) > 1 else None
     if len(data) < 3:

@@ -1,4 +1,4 @@
-"""Parameters that a UAV client does not set unless it is allowed to (docs/protocol.md, section 17)."""
+"""Parameters that a UAV client sets only if an option allows it (docs/protocol.md, section 17)."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ GUARDED: Final[dict[str, str]] = {
     **dict.fromkeys(("COM_RC_IN_MODE", "RC_MAP_*", "RC_CHAN_CNT", "RCMAP_*", "RC_PROTOCOLS", "FLTMODE_CH"), _PILOT),
     **dict.fromkeys(("MAV_[0-9]_*", "MAV_PROTO_VER", "MAV_SIGN*", "SER_*", "SERIAL*", "SR[0-9]_*"), _LINK),
 }
-"""Patterns of names, of PX4 and ArduPilot, and why."""
+"""Patterns of PX4's and ArduPilot's names, with the reasons."""
 
 
 def is_guarded(name: str) -> bool:
-    """Whether a parameter is guarded; ArduPilot takes a name in any case."""
+    """Whether a parameter is guarded; ArduPilot ignores the case of names."""
     return any(fnmatchcase(name.upper(), pattern) for pattern in GUARDED)

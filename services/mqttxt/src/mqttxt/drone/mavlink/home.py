@@ -11,10 +11,10 @@ from ...protocol.states import Home, Location, State
 
 
 class HomeOfArming:
-    """Holds home's altitude while a drone is armed, but where home is put elsewhere.
+    """Holds home's altitude while a drone is armed, unless home is moved to another place.
 
-    PX4 corrects that altitude in flight, by a metre and several times a second: what GLOBAL_POSITION_INT calls
-    relative_alt jumps with it, though the drone does not.
+    PX4 corrects that altitude in flight, by a metre and several times per second: `relative_alt` of
+    GLOBAL_POSITION_INT jumps with it, though the drone does not.
     """
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class HomeOfArming:
         return twin
 
     def correct(self, told: Iterable[State], is_armed: bool) -> list[State]:
-        """A message's states, with heights above this home, and with home itself where it is another one now."""
+        """A message's states, with heights above this home, and with home itself if it has changed."""
         if not is_armed:
             self._altitude_m = None
         out: list[State] = []
@@ -39,7 +39,7 @@ class HomeOfArming:
                     state = replace(state, altitude_amsl_m=self._altitude_m)
                 self._home = state
             elif is_armed and isinstance(state, Location):
-                if self._altitude_m is None:  # at 4 Hz and more a better word of it than HOME_POSITION's, once in 2 s
+                if self._altitude_m is None:  # at 4 Hz and more, fresher than HOME_POSITION, which arrives every 2 s
                     self._altitude_m = _difference_m(state.altitude_amsl_m, state.altitude_m)
                     if self._home is not None:
                         self._home = replace(self._home, altitude_amsl_m=self._altitude_m)
@@ -50,5 +50,5 @@ class HomeOfArming:
 
 
 def _difference_m(one_m: float, other_m: float) -> float:
-    """As MAVLink has altitudes: in whole millimetres."""
+    """In whole millimetres, as in MAVLink."""
     return round(one_m - other_m, 3)

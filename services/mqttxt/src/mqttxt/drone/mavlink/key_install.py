@@ -1,4 +1,4 @@
-"""Bringing a MAVLink key into an autopilot by SETUP_SIGNING, which nobody acknowledges: it signs, or it does not."""
+"""Installs a MAVLink key in an autopilot by SETUP_SIGNING, which only its signed heartbeats acknowledge."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HINT: Final = (
 
 
 def check_wired(address: AutopilotAddress) -> None:
-    """The key travels in the clear; raises ConfigurationError for an address that is not on this machine."""
+    """Raises ConfigurationError for an address that is not on this machine, because the key is sent in the clear."""
     if address.kind != "serial" and address.host not in ("127.0.0.1", "localhost"):
         raise ConfigurationError(
             f"--install {address}: the key would cross a network in the clear; expected serial:DEVICE:BAUD"
@@ -33,7 +33,7 @@ def check_wired(address: AutopilotAddress) -> None:
 
 
 class Installation:
-    """Gives the autopilot of `drone` the key, in messages that are signed with `old` where it has another already."""
+    """Gives the autopilot of `drone` the key, in messages that are signed with `old` if it already has that key."""
 
     def __init__(self, address: AutopilotAddress, drone: int, key: bytes, old: bytes | None = None) -> None:
         signing = Signing(old, Stamps()) if old is not None else None
@@ -47,7 +47,7 @@ class Installation:
         self._text = ""
 
     async def run(self) -> None:
-        """Until the autopilot signs with the key; raises TransportError with the reason where it does not."""
+        """Run until the autopilot signs with the key. Raises TransportError with the reason if it does not."""
         reading = asyncio.create_task(self._link.run())
         try:
             await self._wait(self._heard, f"no valid heartbeat of system {self._drone}")
@@ -96,7 +96,7 @@ class Installation:
             self._look(found.message)
 
     def _look(self, message: Any) -> None:
-        """Whether a message is signed with the new key; of its time stamp only that it has one."""
+        """Note if a heartbeat is signed with the new key, whatever its time stamp."""
         if message.get_type() != "HEARTBEAT" or message.get_srcSystem() != self._drone:
             return
         verdict = self._new.judge(message, asyncio.get_running_loop().time())

@@ -1,7 +1,7 @@
-"""The link to an autopilot: what is written, in whose name, and what is heard.
+"""The link to an autopilot: writes in the name of a component, and reads.
 
-A write goes straight to the operating system or not at all: a queue of our own would be a place where a
-command waits beyond its deadline unseen.
+A write is passed straight to the operating system or fails: in a queue of the client's own a command could wait
+unnoticed beyond its deadline.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _NO_STAMPS = Malformed("mavlink_no_stamps", "no time stamp of this key is left; 
 
 
 class AutopilotLink:
-    """A link to one autopilot; `on_readable` is called when there are `messages`, `on_malformed` for what is none.
+    """A link to one autopilot; `on_readable` is called when there are `messages`, `on_malformed` for dropped input.
 
-    With a `signing` both directions are signed, and nothing else is heard.
+    With a `signing` both directions are signed, and other messages are dropped.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class AutopilotLink:
         self._repeats = Repeats()
 
     async def run(self) -> None:
-        """Keep the link open until cancelled; raises ConfigurationError when the address cannot be listened on."""
+        """Keep the link open until cancelled. Raises ConfigurationError if it cannot listen on the UDP address."""
         told = ""
         while True:
             try:
@@ -88,7 +88,7 @@ class AutopilotLink:
             await asyncio.sleep(REOPEN_S)
 
     def write(self, message: Any, source: Source = Source.COMPANION) -> bool:
-        """Hand one message to the operating system, in the name of `source`; False when it did not take all of it."""
+        """Pass one message to the operating system, in the name of `source`; False unless it took all of it."""
         if self._transport is None:
             return False
         encoder = self._encoders[source]
@@ -100,7 +100,7 @@ class AutopilotLink:
         return self._transport.write(packet, is_heartbeat=message.get_type() == "HEARTBEAT")
 
     def messages(self) -> Iterator[Any]:
-        """All that is there: an acknowledgement behind other messages is heard before a tick says it is missing."""
+        """All received messages: so an acknowledgement among them is read before a tick takes it for missing."""
         now_s = asyncio.get_running_loop().time
         for _ in range(_READS_AT_ONCE):
             found = self._transport.read(now_s()) if self._transport is not None else None
@@ -118,7 +118,7 @@ class AutopilotLink:
                     yield message
 
     async def _read(self, transport: Transport) -> None:
-        """Until the other side has closed it."""
+        """Read until the other side has closed the link."""
         loop = asyncio.get_running_loop()
         self._closed.clear()
         self._repeats = Repeats()

@@ -1,4 +1,4 @@
-"""MAVLink's log protocol towards an autopilot: its list of logs, and the bytes of one, some at a time."""
+"""MAVLink's log protocol towards an autopilot: its list of logs, and the bytes of one, window by window."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ...protocol.logs import MOST_LOGS, FlightLog
 from .plans import AUTOPILOT_COMPONENT
 
 DATA_BYTES = 90
-"""Of a LOG_DATA."""
+"""In one LOG_DATA."""
 AGAIN_MS = 500
 SILENT_ASKS = 14
 SHORT_ANSWERS = 3
-"""How often an autopilot may say that a log ends before the size that it has told."""
+"""How often an autopilot may end a log before the size that it has listed."""
 _ALL = 0xFFFF
 
 
 class Listing:
-    """One reading of an autopilot's list of logs. `found` is there once it `is_over`, or `error`: why it is not.
+    """One reading of an autopilot's list of logs. Once it `is_over`, either `found` or `error`, the reason, is set.
 
-    PX4 counts logs from 0, ArduPilot from 1. What is lost of a list is asked for again as a whole.
+    PX4 counts logs from 0, ArduPilot from 1. If an entry is lost, the whole list is requested again.
     """
 
     def __init__(self, system: int) -> None:
@@ -37,12 +37,12 @@ class Listing:
         return self.found is not None or self.error is not None
 
     def begin(self, now_ms: int) -> list[Any]:
-        """Ask for the list."""
+        """Request the list."""
         self._next_ms = now_ms + AGAIN_MS
         return [mavlink.MAVLink_log_request_list_message(self._system, AUTOPILOT_COMPONENT, 0, _ALL)]
 
     def on_entry(self, message: Any, now_ms: int) -> None:
-        """A LOG_ENTRY; that of an empty log counts as one of the list, and is left out of what was found."""
+        """Take in a LOG_ENTRY. That of an empty log counts as an entry, but is left out of `found`."""
         if self.is_over:
             return
         if message.num_logs > MOST_LOGS:
@@ -60,7 +60,7 @@ class Listing:
             self.found = tuple(one for one in told if one is not None)
 
     def due(self, now_ms: int) -> list[Any]:
-        """What is asked for again."""
+        """The repeated request, if it is due."""
         if self.is_over or now_ms < self._next_ms:
             return []
         self._silent_asks += 1
@@ -71,9 +71,9 @@ class Listing:
 
 
 class Window:
-    """The bytes of a log from `start` up to, and without, `end`: asked for at once, and what is missing again.
+    """The bytes of a log from `start` up to, and without, `end`: requested at once, and missing ones again.
 
-    `is_whole` once `data` is all of them; `error`: why it will not be.
+    `is_whole` once `data` has all of them; `error` is the reason why it never will.
     """
 
     def __init__(self, system: int, log: FlightLog, start: int, end: int) -> None:
@@ -95,7 +95,7 @@ class Window:
         return b"".join(self._pieces[offset] for offset in sorted(self._pieces))
 
     def ask(self, now_ms: int) -> list[Any]:
-        """Ask for the first bytes that are missing."""
+        """Request the first run of missing bytes."""
         missing = [offset for offset in range(self.start, self.end, DATA_BYTES) if offset not in self._pieces]
         first = end = missing[0]
         while end in missing:
@@ -105,7 +105,7 @@ class Window:
         return [mavlink.MAVLink_log_request_data_message(self._system, AUTOPILOT_COMPONENT, *wanted)]
 
     def on_data(self, message: Any, now_ms: int) -> list[Any]:
-        """A LOG_DATA; what is missing is asked for again behind the last that was asked for."""
+        """Take in a LOG_DATA. After the last requested one, request the missing bytes again."""
         offset = message.ofs
         is_one = message.id == self._log.number and offset in range(self.start, self.end, DATA_BYTES)
         if not is_one or self.is_whole or self.error is not None:
@@ -124,7 +124,7 @@ class Window:
         return self.ask(now_ms)
 
     def due(self, now_ms: int) -> list[Any]:
-        """What is asked for again because nothing comes."""
+        """The repeated request, if nothing has arrived for `AGAIN_MS`."""
         if self.is_whole or self.error is not None or now_ms < self._next_ms:
             return []
         self._silent_asks += 1
@@ -135,5 +135,5 @@ class Window:
 
 
 def end_message(system: int) -> Any:
-    """LOG_REQUEST_END: ArduPilot goes on with its own log, PX4 closes the file."""
+    """LOG_REQUEST_END: ArduPilot then resumes its own logging, and PX4 closes the file."""
     return mavlink.MAVLink_log_request_end_message(system, AUTOPILOT_COMPONENT)

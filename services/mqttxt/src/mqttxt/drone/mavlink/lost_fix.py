@@ -1,4 +1,4 @@
-"""An autopilot's verdict on arming, where its receiver has just lost its position (docs/protocol.md, R3.13)."""
+"""An autopilot's verdict on arming, corrected after its receiver has lost its position (docs/protocol.md, R3.13)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Self
 from ...protocol.states import Gps, GpsFix, Health, State
 
 VERDICT_MS = 10_000
-"""By then SYS_STATUS knows of a lost fix: PX4 1.15 and main need 3.6 to 5.3 s."""
+"""How long SYS_STATUS may take to show a lost fix: PX4 1.15 and main need 3.6 to 5.3 s."""
 
 
 class LostFix:
-    """Knows when a receiver that had a 3D fix lost it; one that never had a fix is the autopilot's own affair."""
+    """Tracks when a receiver lost its 3D fix. For one that never had a fix the autopilot's verdict is unchanged."""
 
     def __init__(self) -> None:
         self._had = False
@@ -25,7 +25,7 @@ class LostFix:
         return twin
 
     def correct(self, told: Iterable[State], known: Health | None, now_ms: int) -> list[State]:
-        """A message's states, without a verdict that the loss has outdated; `known` is the verdict of before."""
+        """A message's states, without the verdict "armable" after a loss; `known` is the newest verdict."""
         return [corrected for state in told for corrected in self._correct(state, known, now_ms)]
 
     def _correct(self, state: State, known: Health | None, now_ms: int) -> list[State]:

@@ -1,4 +1,4 @@
-"""What an autopilot's acknowledgement says of a command, and whom of us it answers."""
+"""The outcome in an autopilot's acknowledgement, and the component that it answers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NAMES = {
     9: "command_unsupported_mav_frame",
     10: "not_in_control_of_autopilot",  # MAV_RESULT_NOT_IN_CONTROL; `not_in_control` is a reason of R6.6
 }
-"""Every MAV_RESULT; pymavlink's table has not got the last ones yet."""
+"""Every MAV_RESULT; pymavlink's table lacks the last ones."""
 
 _RESULTS = {
     mavlink.MAV_RESULT_DENIED: (Word.DENIED, "autopilot"),
@@ -29,19 +29,19 @@ _RESULTS = {
 
 
 def refusal(result: int) -> tuple[Word, str | None]:
-    """The last word for a MAV_RESULT other than accepted and in progress; one that has no name says nothing sure."""
+    """The last word for a MAV_RESULT other than accepted and in progress; `failed`, no definite no, if unknown."""
     if result in _RESULTS:
         return _RESULTS[result]
     return (Word.DENIED, _NAMES[result]) if result in _NAMES else (Word.FAILED, f"mav_result_{result}")
 
 
 def percent_of(message: Any) -> int | None:
-    """How far a command in progress is; 255 is unknown."""
+    """A command's progress in percent; None if unknown (255)."""
     return int(message.progress) if message.progress <= 100 else None
 
 
 def answered(message: Any, system_id: int) -> tuple[Source, ...]:
-    """Whom of us our system may say it to: others are acknowledged on the same link. 0 names nobody."""
+    """The UAV client's sources that a COMMAND_ACK may answer: others share the link. A target of 0 names none."""
     if message.get_srcSystem() != system_id or message.target_system not in (0, system_id):
         return ()
     return tuple(source for source in COMMANDING if message.target_component in (0, source.component))

@@ -1,4 +1,4 @@
-"""Where the autopilot is in its mission, and whether it is outside its geofence, by its own messages."""
+"""The autopilot's progress in its mission, and whether it is outside its geofence, by its own messages."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ...protocol.plans import PlanList
 from ...protocol.states import Fence, Mission, State
 
 _NONE = 0xFFFF
-"""PX4's total where there is no mission."""
+"""PX4's total if it has no mission."""
 _TO_THE_GROUND = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
 
 
 @dataclass
 class MissionProgress:
-    """What one autopilot said of its plan. `hashes` name the lists that were read and not changed since.
+    """One autopilot's messages about its plan. `hashes` has the lists that were read and not changed since.
 
-    `home_items`: how many items the autopilot has in front of the plan's own. Items count from 1, the plan's first.
+    `home_items`: how many items the autopilot keeps before those of the plan. The plan's items count from 1.
     """
 
     hashes: dict[PlanList, bytes] = field(default_factory=dict)
@@ -31,7 +31,7 @@ class MissionProgress:
     reached: int = 0
     total: int = 0
     _stale: int = 0
-    """What was reached last before the mission was started anew, until another item is."""
+    """The item that was reached last before a new start of the mission, until another one is."""
     _read: bytes | None = None
     """The hash of the mission that was read last."""
     _is_told: bool = False
@@ -50,7 +50,7 @@ class MissionProgress:
         return self.states()
 
     def states(self) -> list[State]:
-        """The mission's state, once there was one, and the fence's."""
+        """The states of the mission, once there was one, and of the fence."""
         self._is_told = self._is_told or self.total > 0
         out: list[State] = []
         if self._is_told:
@@ -61,16 +61,16 @@ class MissionProgress:
 
     @property
     def is_over(self) -> bool:
-        """Whether the last item was reached; the landing behind it, or of it, may be still to come."""
+        """Whether the last item was reached, or the one before if the last one lands, as it may still do."""
         return self.total > 0 and self.reached >= self.total - self.lands
 
     @property
     def is_landing(self) -> bool:
-        """Whether the mission is over, or nearly, and ends on the ground: the motors may stop."""
+        """Whether the mission `is_over` and ends on the ground, so that the motors may stop."""
         return self.lands and self.is_over
 
     def read(self, hash: bytes, commands: Sequence[int]) -> None:
-        """The mission was read: its hash, and the MAV_CMDs of its items. Of one that is new nothing was reached."""
+        """Note a mission that was read: its hash, and the MAV_CMDs of its items. Of a new one no item was reached."""
         if self._read not in (None, hash):
             self.begin()
         self._read = self.hashes[PlanList.MISSION] = hash
@@ -78,21 +78,21 @@ class MissionProgress:
         self.total = len(commands)
 
     def begin(self) -> None:
-        """The mission is started anew: what was reached before is of an earlier flight."""
+        """The mission is started anew: the item reached before belongs to an earlier flight."""
         self._stale, self.reached = self.reached or self._stale, 0
 
     def _reach(self, number: int) -> None:
-        """PX4 repeats the item that was reached last, ten times, also when the mission was started anew meanwhile."""
+        """Note a reached item. PX4 repeats the last one ten times, even if the mission was started anew meanwhile."""
         if number == self._stale and number != self.current:
             return
         self.reached, self._stale = number, 0
 
     def forget(self) -> None:
-        """The lists may be others: they have to be read again."""
+        """Forget the hashes: the lists have to be read again."""
         self.hashes.clear()
 
     def seq(self, item: int) -> int:
-        """An item of the plan as the autopilot counts it."""
+        """The autopilot's sequence number of an item of the plan."""
         return item - 1 + self.home_items
 
     def _number(self, seq: int) -> int:

@@ -1,4 +1,4 @@
-"""MAVLink's mission protocol towards an autopilot, as steps: a message to write, and what answers it."""
+"""MAVLink's mission protocol towards an autopilot, in steps: a message to write, and its possible answers."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .plans import AUTOPILOT_COMPONENT, NAN, CannotExecute
 
 AGAIN_MS = 500
 SENDS = 14
-"""Repetitions for longer than an autopilot takes to give up somebody's transfer that broke off: PX4 after 5 s."""
+"""Writes go on for longer than an autopilot takes to give up another station's broken transfer: PX4 needs 5 s."""
 _MOST_READ = MOST_ITEMS + 1
-"""One more than a plan has: ArduPilot's first item is home."""
+"""One more than a plan may have: ArduPilot's first item is home."""
 FENCE_CORNERS = (
     mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
 )
-"""Items of a fence whose first parameter is how many corners their polygon has."""
+"""Items of a fence whose first parameter is the number of corners of their polygon."""
 FENCE_CIRCLES = (mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
 """Items of a fence whose first parameter is a radius, in metres."""
 _BUSY = (mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_DENIED)
@@ -29,14 +29,14 @@ Result = TypeVar("Result")
 
 
 class TransferFailed(Exception):
-    """Why a list was not written or read; its text is a part of the outcome's reason."""
+    """A list was not written or read; the text is part of the outcome's reason."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A message to write until an answer comes; without `answers` nothing is waited for.
+    """A message to write until an answer arrives; with `answers` None no answer is awaited.
 
-    `changes`: from this write on the list may be another one. `sends`: how often it is written at the most.
+    `changes`: the write may change the list. `sends`: how often it is written at most.
     """
 
     message: Any
@@ -46,11 +46,11 @@ class Step:
 
 
 Steps = Generator[Step, Any, Result]
-"""Steps of a transfer: each gets its answer sent in, or TransferFailed thrown where none came."""
+"""Steps of a transfer: each is sent its answer, or thrown TransferFailed if none arrived."""
 
 
 class Exchange:
-    """Carries out the steps of one transfer with the autopilot of a system. `result` is there once it `is_over`."""
+    """Carries out the steps of one transfer with an autopilot. `result` is set once it `is_over` without `error`."""
 
     def __init__(self, steps: Steps[Any]) -> None:
         self._steps = steps
@@ -75,7 +75,7 @@ class Exchange:
         return self._go_on(message, now_ms)
 
     def tick(self, now_ms: int) -> list[Step]:
-        """The write once more, where no answer came; the steps hear of it where none comes at all."""
+        """Repeat the unanswered write; after the last one, throw TransferFailed into the steps."""
         step = self._step
         if step is None or now_ms < self._sent_ms + AGAIN_MS:
             return []
@@ -85,12 +85,12 @@ class Exchange:
         return [step]
 
     def stop(self) -> None:
-        """Give it up."""
+        """Give the transfer up."""
         self._step, self.is_over = None, True
         self._steps.close()
 
     def _go_on(self, answer: Any, now_ms: int) -> list[Step]:
-        """Up to the next step that waits for an answer, or to the end."""
+        """Go on to the next step that waits for an answer, or to the end."""
         out: list[Step] = []
         self._step = None
         try:
@@ -109,7 +109,7 @@ class Exchange:
 
 
 def read(system: int, kind: PlanList) -> Steps[tuple[PlanItem, ...]]:
-    """A list as the autopilot has it; raises TransferFailed for one that a plan cannot have."""
+    """Read a list. Raises TransferFailed, also for a list that a plan cannot have."""
     target = (system, AUTOPILOT_COMPONENT)
     is_count = _is_one("MISSION_COUNT", kind)
     told = yield Step(mavlink.MAVLink_mission_request_list_message(*target, kind), is_count)
@@ -135,9 +135,9 @@ def read(system: int, kind: PlanList) -> Steps[tuple[PlanItem, ...]]:
 
 
 def write(system: int, kind: PlanList, items: tuple[PlanItem, ...], before: int = 0) -> Steps[None]:
-    """Replace a list; raises TransferFailed with the item that the autopilot refused.
+    """Replace a list. Raises TransferFailed, with the item that the autopilot refused.
 
-    `before`: how many of the items are in front of the plan's own.
+    `before`: how many of the items precede those of the plan.
     """
     target = (system, AUTOPILOT_COMPONENT)
     if not items:
@@ -148,7 +148,7 @@ def write(system: int, kind: PlanList, items: tuple[PlanItem, ...], before: int 
         return
     count = Step(mavlink.MAVLink_mission_count_message(*target, len(items), kind), _asks_or_ends(kind), changes=True)
     answer, what = (yield count), kind.label
-    if answer.get_type() == "MISSION_ACK" and answer.type in _BUSY:  # with an upload of ours that broke off
+    if answer.get_type() == "MISSION_ACK" and answer.type in _BUSY:  # with the client's own broken upload
         yield Step(mavlink.MAVLink_mission_ack_message(*target, mavlink.MAV_MISSION_OPERATION_CANCELLED, kind))
         answer = yield count
     while answer.get_type() != "MISSION_ACK":
@@ -161,7 +161,7 @@ def write(system: int, kind: PlanList, items: tuple[PlanItem, ...], before: int 
 
 
 def set_current(system: int, seq: int) -> Steps[None]:
-    """Make an item the current one, which MISSION_CURRENT shows."""
+    """Make an item the current one, until MISSION_CURRENT shows it."""
 
     def is_current(message: Any) -> bool:
         return bool(message.get_type() == "MISSION_CURRENT" and message.seq == seq)
@@ -170,13 +170,13 @@ def set_current(system: int, seq: int) -> Steps[None]:
 
 
 def item_of(message: Any) -> PlanItem:
-    """From MISSION_ITEM_INT."""
+    """The item in a MISSION_ITEM_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
     return PlanItem(message.frame, message.command, params, message.x, message.y, message.z, bool(message.autocontinue))
 
 
 def message_of(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanList) -> Any:
-    """As MISSION_ITEM_INT."""
+    """The item as MISSION_ITEM_INT."""
     params = [NAN if param is None else param for param in item.params]
     z = NAN if item.z is None else item.z
     return mavlink.MAVLink_mission_item_int_message(
@@ -196,7 +196,7 @@ def _is_one(name: str, kind: PlanList) -> Callable[[Any], bool]:
 
 
 def _asks_or_ends(kind: PlanList) -> Callable[[Any], bool]:
-    """The request for an item, or the end. An item that came twice is out of sequence, and changes nothing."""
+    """Whether a message requests an item or ends the upload; the refusal of a duplicate item does neither."""
 
     def answers(message: Any) -> bool:
         name = message.get_type()

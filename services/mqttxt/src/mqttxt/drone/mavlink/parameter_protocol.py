@@ -1,6 +1,6 @@
 """MAVLink's parameter protocol towards an autopilot: the whole set read, and one parameter set and read back.
 
-PX4 carries whole numbers as their bytes in the float's place, ArduPilot as the number that the float is.
+PX4 carries an integer's bytes in the place of the float, ArduPilot the integer converted to a float.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .plans import AUTOPILOT_COMPONENT, CannotExecute
 HASH_CHECK = "_HASH_CHECK"
 """Not a parameter: PX4's hash of all of them."""
 QUIET_MS, AGAIN_MS = 1000, 500
-"""How long nothing comes before a list counts as ended, and before what was asked for is asked for again."""
+"""The silence after which a list counts as ended, and that after which requests are repeated."""
 ASKED = 10
-"""How many of the missing are asked for at a time."""
+"""How many missing parameters are requested at a time."""
 SILENT_ASKS = 14
 BEGINNINGS = 4
-"""How often a list may be begun whose number of parameters changes while it is read."""
+"""How often the reading of a list may begin if its parameters change meanwhile."""
 READS, FEW_SENDS = 3, 4
 _NAME: Final = re.compile(NAME)
 _FORMATS: Final = {"u": "<I", "i": "<i"}
@@ -37,7 +37,7 @@ _NOT_THERE: Final = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 
 
 def parameter_of(message: Any, bytewise: bool) -> Parameter | None:
-    """The parameter in a PARAM_VALUE; None for one with a name, type or value that has no form here."""
+    """The parameter in a PARAM_VALUE; None if its name, type or value cannot be represented."""
     try:
         if not _NAME.fullmatch(message.param_id):
             return None
@@ -51,14 +51,14 @@ def parameter_of(message: Any, bytewise: bool) -> Parameter | None:
 
 
 def _value_bytes(message: Any) -> bytes:
-    """The value as it came: not every float of 32 bits is the same after it was one of 64."""
+    """The value's bytes as received: not every 32-bit float survives the conversion to 64 bits and back."""
     frame = message.get_msgbuf()
     start = 10 if frame[0] == mavlink.PROTOCOL_MARKER_V2 else 6
     return bytes(frame[start : start + frame[1]])[:4].ljust(4, b"\0")
 
 
 def carried(one: Parameter, bytewise: bool) -> float | None:
-    """A parameter's value in the float's place; None for a whole number that this cannot carry."""
+    """The float for a parameter's value; None for an integer that it cannot carry."""
     if one.value is None:
         return math.nan
     if one.type.span is not None and bytewise:
@@ -70,7 +70,7 @@ def carried(one: Parameter, bytewise: bool) -> float | None:
 
 
 def set_message(system: int, wanted: Parameter, bytewise: bool) -> Any:
-    """PARAM_SET; raises CannotExecute for a whole number that the float's place cannot carry."""
+    """PARAM_SET. Raises CannotExecute for an integer that the float cannot carry."""
     value = carried(wanted, bytewise)
     if value is None:
         raise CannotExecute(f"not_carried, {wanted}")
@@ -84,14 +84,14 @@ def read_message(system: int, name: str = "", index: int = -1) -> Any:
 
 
 def is_value_of(name: str) -> Callable[[Any], bool]:
-    """Whether a message answers a question for one parameter: PX4 main says of an unknown one that there is none."""
+    """Whether a message answers a request for one parameter; PX4 main answers PARAM_ERROR for an unknown one."""
     return lambda message: (
         message.get_type() in ("PARAM_VALUE", "PARAM_ERROR") and str(message.param_id).rstrip("\0") == name
     )
 
 
 def read(system: int, name: str, bytewise: bool, sends: int = SENDS) -> Steps[Parameter]:
-    """One parameter; raises CannotExecute where there is none, TransferFailed where nothing answers."""
+    """Read one parameter. Raises CannotExecute if it is unknown or not carried, TransferFailed without an answer."""
     answer = yield Step(read_message(system, name), is_value_of(name), sends=sends)
     found = parameter_of(answer, bytewise) if answer.get_type() == "PARAM_VALUE" else None
     if found is None:
@@ -100,7 +100,7 @@ def read(system: int, name: str, bytewise: bool, sends: int = SENDS) -> Steps[Pa
 
 
 def has_hash(system: int, number: int) -> Steps[bool]:
-    """Whether PX4 gives a number as the hash of its parameters."""
+    """Whether PX4 gives `number` as the hash of its parameters."""
     try:
         answer = yield Step(read_message(system, HASH_CHECK), is_value_of(HASH_CHECK), sends=FEW_SENDS)
     except TransferFailed:
@@ -112,9 +112,10 @@ def has_hash(system: int, number: int) -> Steps[bool]:
 def assign(
     system: int, name: str, value: float, bytewise: bool, span: tuple[float, float] | None = None
 ) -> Steps[None]:
-    """Set a parameter and read it back; raises CannotExecute before anything was written, TransferFailed after it.
+    """Set a parameter and read it back. Raises CannotExecute before the write, TransferFailed after it; CannotExecute
+    also if the read-back has no usable value.
 
-    `span` is its documented range, None where that is not known.
+    `span` is the documented range, None if it is unknown.
     """
     try:
         before = yield from read(system, name, bytewise, FEW_SENDS)
@@ -128,7 +129,7 @@ def assign(
         return
     if span is not None and not span[0] <= value <= span[1]:
         raise CannotExecute(f"out_of_range, {span[0]:g} to {span[1]:g}")
-    with suppress(TransferFailed):  # an autopilot that refuses a value may say nothing: what it has now tells
+    with suppress(TransferFailed):  # an autopilot may refuse a value without an answer: the read-back shows it
         yield Step(set_message(system, wanted, bytewise), is_value_of(name), changes=True)
     for _ in range(READS):
         found = yield from read(system, name, bytewise)
@@ -142,10 +143,9 @@ def _is_unknown(answer: Any) -> bool:
 
 
 class Reading:
-    """One reading of an autopilot's whole set: the list, then what is missing of it by index, until it is whole.
+    """One reading of an autopilot's whole set: the list, then missing parameters by index, until it is whole.
 
-    `found` is there once it `is_over`, or `error`: why it cannot be read. `total` is how many the autopilot says that
-    there are.
+    Once it `is_over`, either `found` or `error`, the reason, is set. `total` is the autopilot's number of parameters.
     """
 
     def __init__(self, system: int, bytewise: bool) -> None:
@@ -166,7 +166,7 @@ class Reading:
         return self.found is not None or self.error is not None
 
     def begin(self, now_ms: int) -> list[Any]:
-        """Ask for the list."""
+        """Request the list."""
         self._indexed, self._named = {}, {}
         self._has_asked = False
         self._beginnings += 1
@@ -177,7 +177,7 @@ class Reading:
         return [mavlink.MAVLink_param_request_list_message(self._system, AUTOPILOT_COMPONENT)]
 
     def on_value(self, message: Any, now_ms: int) -> list[Any]:
-        """A PARAM_VALUE: one of the list, one that was asked for, or one that somebody has changed meanwhile."""
+        """Take in a PARAM_VALUE: of the list, of a request by index, or of a parameter that was changed meanwhile."""
         total = message.param_count
         if self.is_over or message.param_id == HASH_CHECK or not total:
             return []
@@ -201,7 +201,7 @@ class Reading:
         return self._finish(now_ms) if len(self._indexed) == total else []
 
     def _finish(self, now_ms: int) -> list[Any]:
-        """The set; where two indexes have one name, the places have moved meanwhile, and one was not told."""
+        """Make the set. If two indexes have one name, indexes have moved and one parameter is missing: begin again."""
         told = [one for one in self._indexed.values() if one is not None]
         known = {one.name: one for one in told}
         if len(known) < len(told):
@@ -211,7 +211,7 @@ class Reading:
         return []
 
     def due(self, now_ms: int) -> list[Any]:
-        """What is asked for again."""
+        """The repeated requests, if they are due."""
         if self.is_over or now_ms < self._next_ms:
             return []
         self._next_ms = now_ms + AGAIN_MS

@@ -1,4 +1,4 @@
-"""What a command is to an autopilot: a MAVLink message, and what shows that it had its effect."""
+"""Commands as an autopilot gets them: a MAVLink message, and the proof of its effect."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ ALTITUDE_NEAR_M = 2.0
 """How far below its target altitude an autopilot may end its takeoff (PX4: NAV_MC_ALT_RAD); at least 10 %."""
 
 LANDED_MS = 3000
-"""How long a landed state holds without another one; PX4 and a UAV client that asks for it have five a second."""
+"""How long a landed state is valid without a newer one; PX4, or the UAV client's request, gives five per second."""
 
 Effect = Callable[["Vehicle", int], bool]
-"""Whether what was received after message number `after` shows a command's effect: `effect(vehicle, after)`."""
+"""Whether messages after number `after` show a command's effect: `effect(vehicle, after)`."""
 
 
 class Group(Enum):
@@ -39,17 +39,17 @@ class Group(Enum):
 
 
 class CannotExecute(Exception):
-    """Why a command cannot be written to this autopilot now; its text is the outcome's reason."""
+    """The command cannot be written to this autopilot now; the text is the outcome's reason."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """A command as one MAVLink message, the modes in which it runs, and the proof of its effect.
 
-    `first_mode`: the mode that the autopilot is put into before the message is sent, None where its mode is right.
-    `modes` None: the command is no flight. `passing` are modes that are right once the effect is `near`, and only
-    if it shows soon after. `message` None: nothing has to be sent. `on_accepted(now_ms)` is called when the command
-    is accepted. `is_said_once`: it is never repeated, and its acceptance is all that will be known of it.
+    `first_mode`: the mode that the autopilot is put into before the message is sent, None if its mode is right.
+    `modes` None: the command does not depend on a mode. `passing` are modes that are right once the effect is `near`,
+    and only if it shows soon after. `message` None: nothing has to be sent. `on_accepted(now_ms)` is called when the
+    command is accepted. `is_said_once`: it is sent once, and its acceptance is the only sign of its effect.
     """
 
     message: Any
@@ -82,9 +82,9 @@ def arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
 
 
 def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
-    """Raises CannotExecute where an autopilot may accept a command that must not be written to it now.
+    """Raises CannotExecute for a command that an autopilot may accept, but that must not be written to it now.
 
-    On the ground, `goto` takes off, and `takeoff` without armed motors climbs as soon as somebody arms them.
+    On the ground, `goto` takes off, and a `takeoff` sent while disarmed climbs as soon as somebody arms the drone.
     """
     if isinstance(command, Goto):
         landed = landed_state(vehicle, now_ms)
@@ -97,14 +97,14 @@ def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
 
 
 def landed_state(vehicle: Vehicle, now_ms: int) -> Landed:
-    """Where the drone is by a landed state that still holds; UNDEFINED where none does."""
+    """The newest landed state; UNDEFINED if none arrived within `LANDED_MS`."""
     told = vehicle.seen(LandedState)
     is_old = vehicle.silence_ms("EXTENDED_SYS_STATE", now_ms) > LANDED_MS
     return Landed.UNDEFINED if told is None or is_old else told.landed
 
 
 def home_altitude_m(vehicle: Vehicle) -> float:
-    """Home's altitude above mean sea level; raises CannotExecute where it is unknown."""
+    """Home's altitude above mean sea level, m. Raises CannotExecute while it is unknown."""
     home = vehicle.seen(Home)
     if home is None:
         raise CannotExecute("home_unknown")
@@ -112,7 +112,7 @@ def home_altitude_m(vehicle: Vehicle) -> float:
 
 
 def above(altitude_amsl_m: float) -> Effect:
-    """Not below an altitude in metres above mean sea level."""
+    """The effect: not below an altitude in metres above mean sea level."""
 
     def effect(seen: Vehicle, after: int) -> bool:
         location = seen.seen(Location, after)
@@ -122,7 +122,7 @@ def above(altitude_amsl_m: float) -> Effect:
 
 
 def climbed(command: Takeoff, home_m: float) -> Effect:
-    """Airborne at the height of a takeoff above home, itself at `home_m` above mean sea level."""
+    """The effect of a takeoff: airborne at its height above home (`home_m` above mean sea level)."""
     is_there = above(home_m + command.altitude_m - max(ALTITUDE_REACHED_M, 0.05 * command.altitude_m))
 
     def effect(seen: Vehicle, after: int) -> bool:
@@ -132,7 +132,7 @@ def climbed(command: Takeoff, home_m: float) -> Effect:
 
 
 def arrived(command: Goto, target_m: float) -> Effect:
-    """At a goto's position, `target_m` above mean sea level."""
+    """The effect of a goto: at its position, at `target_m` above sea level."""
 
     def effect(seen: Vehicle, after: int) -> bool:
         location = seen.seen(Location, after)
@@ -145,7 +145,7 @@ def arrived(command: Goto, target_m: float) -> Effect:
 
 
 def reposition(command: Goto, vehicle: Vehicle, frame: int, yaw: float, mode: FlightModeName) -> Plan:
-    """A goto as DO_REPOSITION, which changes to the mode that it is flown in."""
+    """A goto as DO_REPOSITION, which also changes the mode to `mode`."""
     target_m = home_altitude_m(vehicle) + command.altitude_m
     message = mavlink.MAVLink_command_int_message(
         vehicle.system_id,
@@ -172,14 +172,14 @@ def never(vehicle: Vehicle, after: int) -> bool:
 
 
 def holds(vehicle: Vehicle, after: int) -> bool:
-    """The autopilot is in its hold mode, and stands: on the ground, or still in the air."""
+    """The autopilot is in its hold mode, and on the ground or standing still in the air."""
     if vehicle.seen(FlightMode, after) != FlightMode(vehicle.autopilot.hold_mode):
         return False
     return vehicle.is_still(after) or vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
 
 
 def mission(vehicle: Vehicle, plan: Plan) -> Plan:
-    """The plan of a mission's start: it is over behind its last item, and on the ground where that leads there."""
+    """The plan of a mission's start, completed after the last item, and after the landing if that item lands."""
     lands = vehicle.mission.lands
 
     def is_over(seen: Vehicle, after: int) -> bool:
@@ -193,7 +193,7 @@ def mission(vehicle: Vehicle, plan: Plan) -> Plan:
 
 
 def check_pause(vehicle: Vehicle) -> None:
-    """Raises CannotExecute where no mission is flown."""
+    """Raises CannotExecute if no mission is flown."""
     if vehicle.seen(FlightMode) != FlightMode(FlightModeName.MISSION):
         raise CannotExecute("not_in_mission")
 

@@ -83,7 +83,7 @@ _NUMBERS = {name: numbers for numbers, name in _MODES.items()}
 
 
 def mode_name(custom_mode: int) -> FlightModeName:
-    """The name of HEARTBEAT.custom_mode; UNKNOWN for a mode that has none here."""
+    """The name of HEARTBEAT.custom_mode; UNKNOWN for a mode without a FlightModeName."""
     return _MODES.get((custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF), FlightModeName.UNKNOWN)
 
 
@@ -109,9 +109,9 @@ _KEPT: Final[dict[int, tuple[int, ...]]] = {
     mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION: (0,),
     mavlink.MAV_CMD_NAV_RALLY_POINT: (),
 }
-"""The parameters that PX4 keeps of items with a place, from 0."""
+"""The parameters, from 0, that PX4 keeps of items with a position."""
 _FLAGS: Final = {mavlink.MAV_CMD_NAV_LOITER_TIME: (1, 3), mavlink.MAV_CMD_NAV_LOITER_TO_ALT: (0, 3)}
-"""Those of which it keeps whether they are above 0."""
+"""The parameters of which PX4 only keeps whether they are above 0."""
 _HEADED: Final = frozenset(command for command, kept in _KEPT.items() if 3 in kept and command not in _FLAGS)
 
 
@@ -140,13 +140,13 @@ class Px4(Autopilot):
         return mode_name(heartbeat.custom_mode)
 
     def health(self, status: Any) -> Health:
-        """PX4 says that it would arm in the health bits alone; PREARM_CHECK is neither present nor enabled."""
+        """PX4 shows that it would arm by the health bit of PREARM_CHECK alone, which is neither present nor enabled."""
         enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
         unhealthy = enabled & ~status.onboard_control_sensors_health & 0xFFFFFFFF
         return Health(bool(status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK), unhealthy)
 
     def hash_check(self, parameters: ParameterSet) -> int | None:
-        """A CRC-32 over names and values, but for those that PX4 changes by itself; without the usual inversions."""
+        """A CRC-32 over names and values, except those that PX4 itself changes, without the usual inversions."""
         crc = 0
         for one in parameters:
             if not _VOLATILE.fullmatch(one.name):
@@ -185,7 +185,7 @@ class Px4(Autopilot):
         return _ending_in_hold(self._mode(vehicle, FlightModeName.RETURN, is_down))
 
     def kept(self, item: PlanItem) -> PlanItem:
-        """Of a place the parameters that PX4 has a use for (mavlink_mission.cpp), a heading from 0 to 360 degrees."""
+        """The parameters that PX4 uses of items with a position (mavlink_mission.cpp), headings from 0 to 360°."""
         if item.command not in _KEPT or item.frame == mavlink.MAV_FRAME_MISSION:
             return item
         params: list[float | None] = [0.0] * 4
@@ -202,9 +202,9 @@ class Px4(Autopilot):
         return vehicle.seen(FlightMode, after) == FlightMode(self.hold_mode)
 
     def _hold(self, vehicle: Vehicle, now_ms: int) -> Plan:
-        """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it.
+        """In the air, DO_REPOSITION to the current position: PX4 flies a goto in HOLD, which DO_SET_MODE does not stop.
 
-        Armed, and without a fresh landed state, too: on the ground such a reposition was recorded to lift nothing.
+        The same while armed without a fresh landed state: in recordings it did not lift a drone off the ground.
         """
         modes = frozenset({FlightModeName.HOLD})
         if vehicle.seen(Armed) != Armed(True) or landed_state(vehicle, now_ms) is Landed.ON_GROUND:
@@ -229,7 +229,7 @@ def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
 
 
 def _ending_in_hold(plan: Plan) -> Plan:
-    """PX4 goes into hold as it disarms after a landing; the landed state may come after that (COM_DISARM_LAND)."""
+    """PX4 enters hold when it disarms after a landing, maybe before the landed state shows it (COM_DISARM_LAND)."""
     return replace(plan, passing=frozenset({FlightModeName.HOLD}), near=is_disarmed)
 
 

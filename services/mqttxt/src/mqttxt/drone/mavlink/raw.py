@@ -1,4 +1,4 @@
-"""MAV_CMDs that have no form of their own: sent as they are, within limits (docs/protocol.md, section 5)."""
+"""MAV_CMDs without a command of their own: sent unchanged, within limits (docs/protocol.md, section 5)."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ TYPED: dict[int, str] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: Arm.name,
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: Stream.name,
 }
-"""What has a form of its own, with deadline, proof of effect and order among its likes."""
+"""MAV_CMDs with a command of their own, which has a deadline, proof of effect and order in its group."""
 
 _NUMBERS: Final[dict[str, int]] = {name.removeprefix("MAV_CMD_"): number for number, name in MAV_CMDS.items()}
 
 
 def _numbers(*names: str) -> frozenset[int]:
-    """MAV_CMDs by their names in words, without the prefix."""
+    """The MAV_CMDs with these names, without the prefix."""
     return frozenset(_NUMBERS[name] for line in names for name in line.split())
 
 
@@ -109,7 +109,7 @@ GUARDED: dict[int, str] = {
     mavlink.MAV_CMD_DO_SET_SAFETY_SWITCH_STATE: "lets motors turn, or stops them",
     mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE: "gives the autopilot another position",
 }
-"""What is denied unless an option of the UAV client allows it, and why."""
+"""MAV_CMDs that only an option of the UAV client allows, with the reasons."""
 
 PASSED: Final = _numbers(
     "CONDITION_YAW DO_CHANGE_SPEED GUIDED_CHANGE_SPEED DO_GUIDED_LIMITS DO_SET_HOME GET_HOME_POSITION",
@@ -127,14 +127,14 @@ PASSED: Final = _numbers(
     "REQUEST_FLIGHT_INFORMATION REQUEST_CAMERA_IMAGE_CAPTURE REQUEST_VIDEO_STREAM_INFORMATION",
     "REQUEST_VIDEO_STREAM_STATUS UAVCAN_GET_NODE_INFO",
 )
-"""What is sent as it is: it neither arms, takes off, changes the mode nor flies the drone elsewhere."""
+"""MAV_CMDs that are sent unchanged: they neither arm, take off, change the mode nor fly the drone elsewhere."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a UAV client lets pass: guarded MAV_CMDs and parameters, and components beside the autopilot.
+    """The guarded MAV_CMDs and parameters that a UAV client allows, and the components besides the autopilot.
 
-    `ranges` are the least and the greatest value of the parameters whose range is known.
+    `ranges` has the least and the greatest value of each parameter whose range is known.
     """
 
     mav_cmds: frozenset[int] = frozenset()
@@ -144,7 +144,7 @@ class Limits:
 
 
 def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> Plan:
-    """The plan of a MAV_CMD as it is; raises CannotExecute where it is not to be sent."""
+    """The plan of an unchanged MAV_CMD. Raises CannotExecute if it must not be sent."""
     number = command.mav_cmd
     if number not in MAV_CMDS:
         raise CannotExecute("unknown_mav_cmd")

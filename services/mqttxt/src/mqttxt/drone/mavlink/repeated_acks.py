@@ -1,7 +1,7 @@
-"""Copies of acknowledgements that a link made: a doubled one would answer the next command.
+"""Recognises copies of acknowledgements that a link made: a duplicate would answer the next command.
 
-Of other messages nothing is dropped. A sender has 256 numbers, and PX4 uses them up in half a second: what is sent
-again and again in the same words, as a heartbeat is, comes under the same number too.
+No other message is dropped. A sender has 256 sequence numbers, and PX4 uses them up in half a second, so repeated
+messages with equal contents, such as heartbeats, also get equal numbers.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ from collections import OrderedDict
 from typing import Any
 
 REMEMBERED_S = 3.0
-"""As long as a late acknowledgement is waited for."""
+"""As long as a number rests for late acknowledgements."""
 
 
 class Repeats:
-    """The COMMAND_ACKs of the last seconds. Senders number their frames, so that equal ones are one frame."""
+    """The COMMAND_ACKs of the last seconds. Senders number their frames, so equal ones are copies of one frame."""
 
     def __init__(self) -> None:
         self._heard_s: OrderedDict[bytes, float] = OrderedDict()
 
     def is_copy(self, message: Any, now_s: float) -> bool:
-        """Whether it is an acknowledgement whose bytes came a moment ago; they are remembered from then on."""
+        """Whether it is a COMMAND_ACK equal to one of the last `REMEMBERED_S`; a new one is remembered."""
         if message.get_type() != "COMMAND_ACK":
             return False
         frame = bytes(message.get_msgbuf())

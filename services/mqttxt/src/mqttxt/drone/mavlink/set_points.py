@@ -45,7 +45,7 @@ def _attitude(target: tuple[int, int, int], wanted: Attitude, braking: bool) -> 
 
 
 def quaternion(roll_deg: float, pitch_deg: float, yaw_deg: float) -> list[float]:
-    """w, x, y, z of a turn by yaw, then pitch, then roll."""
+    """w, x, y, z of a rotation by yaw, then pitch, then roll."""
     half = [math.radians(angle) / 2 for angle in (roll_deg, pitch_deg, yaw_deg)]
     (cr, cp, cy), (sr, sp, sy) = [math.cos(angle) for angle in half], [math.sin(angle) for angle in half]
     return [

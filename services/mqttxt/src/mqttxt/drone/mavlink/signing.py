@@ -1,7 +1,7 @@
 """MAVLink 2's message signing between UAV client and autopilot (docs/protocol.md, section 13).
 
-pymavlink signs what is written. What is read is judged here: pymavlink keeps the time stamp of a message before it has
-looked at the signature, so that one forged message would silence the autopilot.
+pymavlink signs the written messages. Received ones are judged here: pymavlink stores a message's time stamp before it
+checks the signature, so that one forged message would silence the autopilot.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .stamps import TICKS_PER_S, Stamps
 from .vehicle import HEARTBEAT_LOST_MS
 
 LINK_ID: Final = 191
-"""Of everything that a UAV client signs: autopilots keep 16 streams until they start anew, so it never changes."""
+"""The link id of all that a UAV client signs. It never changes, because autopilots keep 16 streams until a restart."""
 KEY_BYTES: Final = 32
 _OLDEST_START: Final = 60 * TICKS_PER_S
 _SIGNATURE_BYTES, _STAMP_BYTES = 6, 6
@@ -30,14 +30,14 @@ _NOT_ONE: Final = "expected 64 hexadecimal digits (`mqttxt keys mavlink` makes s
 
 @dataclass(frozen=True)
 class Refused(Malformed):
-    """A message that is not believed; `is_stale` where only its time stamp is wrong: the sender has the key."""
+    """A message that is not trusted. `is_stale`: only its time stamp is wrong, so the sender has the key."""
 
     message: Any = None
     is_stale: bool = False
 
 
 def read_key(path: Path) -> bytes:
-    """The key in a file of hexadecimal digits that only its owner can read; raises ConfigurationError."""
+    """The key in a file of hexadecimal digits that only its owner can read. Raises ConfigurationError."""
     text = files.read(path, private=True).strip()
     try:
         key = bytes.fromhex(text.decode("ascii"))
@@ -51,34 +51,34 @@ def read_key(path: Path) -> bytes:
 
 
 def is_signed(message: Any) -> bool:
-    """Whether a message that was read has a signature, of whatever key."""
+    """Whether a received message has a signature, with any key."""
     frame = message.get_msgbuf()
     return bool(frame[0] == mavlink.PROTOCOL_MARKER_V2 and frame[2] & mavlink.MAVLINK_IFLAG_SIGNED)
 
 
 class Signing:
-    """A key on one link, for both directions: what it has heard last of each stream, and the time stamps it gives."""
+    """A key on one link, for both directions: the newest time stamp received of each stream, and those to send."""
 
     def __init__(self, key: bytes, stamps: Stamps) -> None:
         self.stamps = stamps
         self._key = key
         self._newest: dict[tuple[int, int, int], int] = {}
-        """Time stamps by system, component and link id."""
+        """The newest time stamps by system, component and link id."""
         self._coming: dict[tuple[int, int], tuple[int, float]] = {}
-        """The link id of which a component's messages come now, and when the last came, in seconds."""
+        """The current link id of each system and component, and the time of its last message, s."""
 
     @classmethod
     def load(cls, key: Path, journal: Path) -> Signing:
-        """With the key in a file, and time stamps that are kept beside the journal; raises ConfigurationError."""
+        """Load the key from a file, and the time stamps from beside the journal. Raises ConfigurationError."""
         return cls(read_key(key), Stamps(journal.with_name(f"{journal.name}.mavlink-time")))
 
     def equip(self, encoder: mavlink.MAVLink) -> None:
-        """Make an encoder of pymavlink sign; each message needs a `stamp` first."""
+        """Make a pymavlink encoder sign; call `stamp` before each message."""
         encoder.signing.secret_key, encoder.signing.link_id = self._key, LINK_ID
         encoder.signing.sign_outgoing = True
 
     def stamp(self, encoder: mavlink.MAVLink) -> bool:
-        """Give the next message its time stamp; False where none is left."""
+        """Give the next message its time stamp; False if none is left."""
         stamp = self.stamps.next()
         if stamp is not None:
             encoder.signing.timestamp = stamp
@@ -95,7 +95,7 @@ class Signing:
         return self._in_time(message, frame[:-_SIGNATURE_BYTES], now_s)
 
     def _in_time(self, message: Any, signed: bytes, now_s: float) -> Any:
-        """Of a message whose signature is right: whether it is newer than what came before it."""
+        """The correctly signed message, or Refused if it is old or from another than the current link."""
         stamp, link_id = int.from_bytes(signed[-_STAMP_BYTES:], "little"), signed[-_STAMP_BYTES - 1]
         source = message.get_srcSystem(), message.get_srcComponent()
         newest = self._newest.get((*source, link_id))

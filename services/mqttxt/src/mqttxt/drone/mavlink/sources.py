@@ -1,4 +1,4 @@
-"""In whose name the UAV client writes to its autopilot: a MAVLink system and component."""
+"""The MAVLink systems and components in whose name the UAV client writes to its autopilot."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from enum import Enum
 from pymavlink.dialects.v20 import common as mavlink
 
 _GCS_SYSTEM = 255
-"""What ground control stations use by convention."""
+"""The system id of ground control stations by convention."""
 
 
 class Source(Enum):
-    """COMPANION is the UAV client itself. What halts is written by a HALT that no other open command has, so that its
-    acknowledgements are its own: COMMAND_ACK names whom it answers. GCS is a ground station's heartbeat.
+    """COMPANION is the UAV client itself. Hold and pause are written by a HALT component that no other open command
+    uses: COMMAND_ACK names the component that it answers, and so the command. GCS sends a ground station's heartbeat.
     """
 
     COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -26,10 +26,10 @@ class Source(Enum):
         return int(self.value)
 
     def system(self, drone: int) -> int:
-        """The system id, for the autopilot of a drone."""
+        """The source's MAVLink system id on a drone."""
         return _GCS_SYSTEM if self is Source.GCS else drone
 
 
 HALTING = (Source.HALT, Source.HALT_2, Source.HALT_3)
 COMMANDING = (Source.COMPANION, *HALTING)
-"""Those that write commands, and are acknowledged."""
+"""The sources that write commands and get acknowledgements."""

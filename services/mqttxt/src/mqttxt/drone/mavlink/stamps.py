@@ -1,4 +1,4 @@
-"""Time stamps for signed MAVLink messages: none is given twice, over restarts and odd clocks (R13.3)."""
+"""Time stamps for signed MAVLink messages: none is used twice, even after restarts and with wrong clocks (R13.3)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ EPOCH_S: Final = 1_420_070_400
 """2015-01-01 in Unix seconds."""
 MOST: Final = 2**48 - 1
 LEAST_AHEAD, MOST_AHEAD = 4 * TICKS_PER_S, 60 * TICKS_PER_S
-"""How far the file is ahead of what was given: as long as the client has been running, so that one that is restarted
-again and again does not run far ahead of the clock.
+"""Bounds on how far the file is ahead of the used time stamps. It is as long as the client has been running, so that
+repeated restarts do not run far ahead of the clock.
 """
 KEEP_EVERY_S = 1.0
 
 
 class Stamps:
-    """Ten microseconds since 2015. `path` has a time stamp that was never reached; after a restart they go on there.
+    """Time stamps in 10 µs since 2015. The file `path` is ahead of all used ones: after a restart they continue there.
 
     Without a `path` nothing is kept.
 
-    `system` gives Unix seconds. Raises ConfigurationError for a file that has something else in it.
+    `system` gives Unix seconds. Raises ConfigurationError for a file with other contents.
     """
 
     def __init__(self, path: Path | None = None, system: Callable[[], float] = time.time) -> None:
@@ -37,18 +37,18 @@ class Stamps:
         self._first = self.now()
 
     def now(self) -> int:
-        """The time, without giving it to a message."""
+        """The current time stamp, without using it for a message."""
         return min(MOST, max(self._last, int((self._system() - EPOCH_S) * TICKS_PER_S)))
 
     def next(self) -> int | None:
-        """The time stamp of the next message, None behind the last that there is."""
+        """The time stamp of the next message, None once all are used up."""
         if self._last >= MOST:
             return None
         self._last = max(self._last + 1, self.now())
         return self._last
 
     def adopt(self, stamp: int) -> None:
-        """Somebody who has the key has given this one: go on behind it."""
+        """Continue after a time stamp that another holder of the key has used."""
         self._last = max(self._last, stamp)
 
     @property
@@ -57,7 +57,7 @@ class Stamps:
         return self._path is not None and self._kept < min(MOST, self.now() + self._ahead() // 2)
 
     def keep(self) -> None:
-        """Write the file; blocks. Raises ConfigurationError where that fails."""
+        """Write the file; blocks. Raises ConfigurationError if the write fails."""
         assert self._path is not None
         kept = min(MOST, self.now() + self._ahead())
         files.write(self._path, f"{kept}\n".encode())

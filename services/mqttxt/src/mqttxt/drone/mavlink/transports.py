@@ -1,4 +1,4 @@
-"""What an autopilot's link goes over: UDP, TCP or a serial line, never blocking."""
+"""The transports of an autopilot's link: UDP, TCP or a serial line, never blocking."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ MAX_BAUD = 99_999_999
 _READ_BYTES = 65_536
 
 Judge = Callable[[Any, float], Any]
-"""Of a message that was read, and the time in seconds: the message, or Malformed."""
+"""Takes a received message and the time in seconds; returns the message, or Malformed."""
 
 
 @dataclass(frozen=True)
 class AutopilotAddress:
-    """Where the autopilot is: `udp:HOST:PORT` (listen), `tcp:HOST:PORT` (connect), `serial:DEVICE:BAUD`."""
+    """The address of an autopilot: `udp:HOST:PORT` (listen), `tcp:HOST:PORT` (connect), `serial:DEVICE:BAUD`."""
 
     kind: str
     host: str
@@ -39,7 +39,7 @@ class AutopilotAddress:
 
     @classmethod
     def parse(cls, text: str) -> AutopilotAddress:
-        """Raises ConfigurationError where `text` is none of the three."""
+        """Parse one of the three forms. Raises ConfigurationError."""
         kind, _, rest = text.partition(":")
         host, _, number = rest.rpartition(":")
         is_known = "\0" not in host and host != "" if kind == "serial" else is_host(host)
@@ -56,13 +56,13 @@ class AutopilotAddress:
 
 
 def _judged(found: Iterable[Any], judge: Judge, now_s: float) -> Iterator[Any]:
-    """What was read, with Malformed in place of what is not believed."""
+    """The received messages, with Malformed in place of those that are not trusted."""
     return (each if isinstance(each, Malformed) else judge(each, now_s) for each in found)
 
 
 @dataclass(frozen=True)
 class Read:
-    """What one reading brought; `was_there` false where nothing was there to read."""
+    """The result of one read; `was_there` is false if nothing had arrived."""
 
     messages: Iterable[Any] = ()
     was_there: bool = True
@@ -72,7 +72,7 @@ _NOTHING = Read(was_there=False)
 
 
 class Transport:
-    """Non-blocking. `read` takes the time in seconds and returns None when the other side has closed."""
+    """Non-blocking. `read` takes the time in seconds, and returns None once the other side has closed."""
 
     def __init__(self, judge: Judge) -> None:
         self._judge = judge
@@ -91,13 +91,12 @@ class Transport:
 
 
 class Udp(Transport):
-    """Listens to one autopilot, and answers where its heartbeats come from.
+    """Listens to one autopilot, and writes to the address from which its heartbeats arrive.
 
-    The peer is whoever sent a valid heartbeat of the drone's autopilot, of a kind that is known. While those keep
-    coming nobody else is heard on this socket: what another one sends is neither parsed nor a reason to write there.
-    Before there is a peer, everybody is heard, and nobody is written to: heartbeats alone go to whoever sent one whose
-    signature is right and whose time stamp is old. An autopilot that was started without a clock learns the time from
-    them (R13.6).
+    The peer is the sender of a valid heartbeat of the drone's autopilot, of a known kind. While such heartbeats
+    continue, datagrams of other senders are neither parsed nor answered. Before there is a peer, datagrams of all
+    senders are read, and nothing is written, except heartbeats to the sender of one with a correct signature and an
+    old time stamp. From them an autopilot that started without a clock learns the time (R13.6).
     """
 
     def __init__(self, address: AutopilotAddress, system_id: int, judge: Judge) -> None:
@@ -120,7 +119,7 @@ class Udp(Transport):
     def read(self, now_s: float) -> Read | None:
         try:
             data, sender = self._socket.recvfrom(_READ_BYTES)
-        except OSError:  # nothing there, or an ICMP error for an earlier datagram
+        except OSError:  # nothing to read, or an ICMP error for an earlier datagram
             return _NOTHING
         if sender != self._peer and self._peer is not None and now_s - self._peer_heard_s <= HEARTBEAT_LOST_MS / 1000:
             reason = f"a datagram of {sender[0]}:{sender[1]}, which is not the autopilot's"
@@ -135,7 +134,7 @@ class Udp(Transport):
         return Read(messages)
 
     def _is_heartbeat(self, message: Any) -> bool:
-        """Whether a message is a heartbeat of the drone's autopilot: others may use its numbers."""
+        """Whether a message is a heartbeat of the drone's autopilot; other programs may use its system id."""
         if isinstance(message, Malformed) or message.get_srcSystem() != self._system_id:
             return False
         return is_autopilots(message) and kind_of(message) is not None
@@ -207,7 +206,7 @@ class Serial(Transport):
         return Read(_judged(self._frames.feed(data, now_s), self._judge, now_s)) if data else _NOTHING
 
     def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
-        try:  # pyserial's own would try again without end where the device takes nothing
+        try:  # pyserial's own `write` retries without end while the device takes nothing
             return os.write(self._port.fileno(), packet) == len(packet)
         except OSError:
             return False

@@ -41,18 +41,18 @@ from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
 HEARTBEAT_LOST_MS = 3000
 LOST_MS = 10_000
-"""Without a heartbeat for this long, what an autopilot was doing is not known any more: ten in a row are missing."""
+"""After this time without a heartbeat, ten in a row, the state of an autopilot's commands is unknown."""
 UNKNOWN_U8, UNKNOWN_U16 = 2**8 - 1, 2**16 - 1
-"""What MAVLink says of a figure that is not known."""
+"""MAVLink's values for an unknown quantity."""
 STILL_M_S, STILL_CLIMB_M_S, STILL_MS = 1.0, 0.5, 1000
-"""Slower than both for this long is standing still: a drone that turns back passes through zero sooner."""
+"""A drone stands still if it is slower than both for this long: one that turns back is slow for less."""
 
 Value = TypeVar("Value", bound=VitalState)
 
 
 @dataclass(frozen=True)
 class Seen(Generic[Value]):
-    """A state and the number of the message that had it; a higher number was received later."""
+    """A state and the number of its message; a higher number was received later."""
 
     state: Value
     number: int
@@ -60,7 +60,7 @@ class Seen(Generic[Value]):
 
 @dataclass
 class Arrivals:
-    """When messages of one kind came: the number and time of the last, and the time between them, smoothed."""
+    """The arrivals of one kind of message: the number and time of the last, and the smoothed interval."""
 
     number: int
     at_ms: int
@@ -95,30 +95,30 @@ class Vehicle:
             "AUTOPILOT_VERSION": self._read_version,
             "PARAM_VALUE": self._read_parameter,
         }
-        """What kinds of autopilots mean differently: read once the kind is known."""
+        """Readers that depend on the kind of autopilot: used once it is known."""
 
     @property
     def autopilot(self) -> Autopilot:
-        """Its kind; raises CannotExecute before its first heartbeat."""
+        """The kind of autopilot. Raises CannotExecute before its first heartbeat."""
         if self._autopilot is None:
             raise CannotExecute("no_autopilot")
         return self._autopilot
 
     def is_alive(self, now_ms: int) -> bool:
-        """Whether a heartbeat came within the last three seconds."""
+        """Whether a heartbeat arrived within the last three seconds."""
         return self.heartbeat_ms is not None and now_ms - self.heartbeat_ms <= HEARTBEAT_LOST_MS
 
     def is_lost(self, now_ms: int) -> bool:
-        """Whether for ten seconds no heartbeat came that is surely of the flight of before."""
+        """Whether the last heartbeat that surely precedes any restart is more than ten seconds old."""
         sure_ms = self.heartbeat_ms if self.boots.is_sure else self.boots.sure_ms
         return sure_ms is None or now_ms - sure_ms > LOST_MS
 
     def answers_twice(self, mav_cmd: int) -> bool:
-        """Whether the autopilot may acknowledge a command of a number once more after it has accepted it."""
+        """Whether the autopilot may acknowledge a MAV_CMD a second time after it has accepted it."""
         return self._autopilot is not None and mav_cmd in self._autopilot.answers_twice
 
     def seen(self, cls: type[Value], after: int = -1) -> Value | None:
-        """The last state of a class, if its message came after message number `after`."""
+        """The last state of a class, if its message arrived after message number `after`."""
         found = self.states.get(cls.name)
         return found.state if found is not None and found.number > after else None
 
@@ -128,30 +128,30 @@ class Vehicle:
         return bool(shown) and shown[-1] - shown[0] >= STILL_MS
 
     def is_own(self, message: Any) -> bool:
-        """Whether a message is of this autopilot."""
+        """Whether a message is from this autopilot."""
         return bool(message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT)
 
     def number_of(self, kind: str) -> int:
-        """The number of the last message of a kind, -1 where none came."""
+        """The number of the last message of a kind, -1 if none arrived."""
         found = self._arrivals.get(kind)
         return found.number if found is not None else -1
 
     def text_since(self, number: int) -> str:
-        """The last warning (STATUSTEXT) that came after message number `number`, empty where none did."""
+        """The last STATUSTEXT of at least warning severity after message number `number`, empty without one."""
         return self._text[1] if self._text[0] > number else ""
 
     def silence_ms(self, kind: str, now_ms: int) -> float:
-        """How long ago the last message of a kind came; infinite where none did."""
+        """The time since the last message of a kind, ms; infinite without one."""
         found = self._arrivals.get(kind)
         return math.inf if found is None else now_ms - found.at_ms
 
     def silent(self, kinds: Mapping[str, str], since_ms: int) -> list[str]:
-        """The keys of those kinds of messages of which none came after `since_ms`."""
+        """The keys of the kinds of messages of which none arrived after `since_ms`."""
         arrivals = self._arrivals
         return [name for name, kind in kinds.items() if kind not in arrivals or arrivals[kind].at_ms <= since_ms]
 
     def rate_hz(self, kind: str, now_ms: int) -> float:
-        """How often messages of a kind have been coming; 0 where none did, or not any more."""
+        """The measured rate of a kind of message, Hz; 0 before the second one, falling once they stop."""
         found = self._arrivals.get(kind)
         if found is None or found.interval_ms is None:
             return 0.0
@@ -161,7 +161,7 @@ class Vehicle:
     def update(self, message: Any, now_ms: int) -> list[State]:
         """Take in a message of this autopilot; returns the states in it.
 
-        Raises PayloadError, and believes none of it, where a value is outside its state's range.
+        Raises PayloadError, and takes none of its states, if a value is outside its state's range.
         """
         if not self.is_own(message):
             return []
@@ -191,7 +191,7 @@ class Vehicle:
         return told
 
     def _is_of_kind(self, heartbeat: Any) -> bool:
-        """Whether a heartbeat is of the first one's kind; one of another kind is ignored."""
+        """Whether a heartbeat is of the same kind as the first; one of another kind is ignored."""
         kind = kind_of(heartbeat)
         if self._autopilot is None and kind is not None:
             self._autopilot, self.mission.home_items = kind, kind.home_items
@@ -207,7 +207,7 @@ class Vehicle:
         return [self.autopilot.health(message), *_power(message)]
 
     def _read_version(self, message: Any) -> list[State]:
-        """0 is MAVLink's word for a version that is not known."""
+        """The airframe with its version; 0 is MAVLink's unknown version."""
         known = self.seen(Airframe)
         if known is None or message.flight_sw_version == 0:
             return []
@@ -224,7 +224,7 @@ class Vehicle:
         return []
 
     def _note_motion(self, message: Any, now_ms: int) -> None:
-        """Keep when the drone stood still: from the last moment that is a second ago, or since it stopped."""
+        """Keep the times at which the drone stood still, back to the last one that is a second old."""
         across_m_s, climb_m_s = math.hypot(message.vx, message.vy) / 100, abs(message.vz) / 100
         if across_m_s > STILL_M_S or climb_m_s > STILL_CLIMB_M_S:
             self._still.clear()
@@ -271,7 +271,7 @@ def _gps(message: Any) -> list[State]:
 
 
 def _power(message: Any) -> list[State]:
-    """The current is -1 where it is not measured."""
+    """The power state; a current of -1 is not measured."""
     if message.voltage_battery == UNKNOWN_U16:
         return []
     current_a = None if message.current_battery < 0 else message.current_battery / 100
@@ -315,4 +315,4 @@ SOURCES = {
     "mission": "MISSION_CURRENT",
     "fence": "FENCE_STATUS",
 }
-"""The message that has each state, but for those that come from parameters and for texts."""
+"""The message that carries each state, except states from parameters and texts."""

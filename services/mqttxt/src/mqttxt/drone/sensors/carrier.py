@@ -23,16 +23,16 @@ from ..effects import Acknowledge, Effect, ForgetReadings, LoadReadings, StoreRe
 SENSORS = "sensors"
 """The connection to the drone's own broker."""
 WINDOW = 32
-"""Readings that may be on their way to the activator at once: a stalled link holds no more of them."""
+"""Readings that may be under way to the activator at once: a stalled link holds no more of them."""
 SENSOR_PER_S, SENSOR_AT_ONCE = 1000, 2000
-"""Readings that one sensor may have; what it keeps it sends again."""
+"""Readings taken from one sensor, per second and at once. It keeps the others and sends them again."""
 
 
 @dataclass
 class UnderWay:
-    """A reading under way; `retry` from the broker's PUBACK on, before it the transport repeats.
+    """A reading under way. `retry` counts from the broker's PUBACK; before it the transport repeats.
 
-    `again`: it was sent before, and who was to hear it may lack the sensor's certificate.
+    `again`: it was sent before, and its receivers may lack the sensor's certificate.
     """
 
     reading: Reading
@@ -57,12 +57,12 @@ class Carrier:
         self._budget = Budget(SENSOR_PER_S, SENSOR_AT_ONCE)
 
     def on_connected(self, now_ms: int) -> list[Effect]:
-        """The drone's own broker is there."""
+        """Subscribe to readings on the drone's own broker."""
         return [Subscribe(SENSORS, (self.side.filter,), live_only=True)]
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
-        """From the drone's own broker: a reading, or something that is counted and dropped."""
-        if message.topic == REVOKED:  # as this drone has published it: the filter of readings matches it
+        """A message from the drone's own broker: a reading to store; others are counted and dropped."""
+        if message.topic == REVOKED:  # this drone's own publication, which the filter of readings matches
             return _acknowledge(message)
         try:
             sensor, kind = self.side.parse(message.topic)
@@ -77,7 +77,7 @@ class Carrier:
         return [StoreReading(reading, message.receipt)]
 
     def on_stored(self, stored: Iterable[StoreReading], now_ms: int) -> list[Effect]:
-        """Readings are on the disk: their sensors need not keep them any longer."""
+        """Acknowledge readings that are on the disk: their sensors no longer need to keep them."""
         effects = [*stored]
         self._may_have_more = self._may_have_more or bool(effects)
         out: list[Effect] = [Acknowledge(SENSORS, e.receipt) for e in effects if e.receipt is not None]
@@ -88,7 +88,7 @@ class Carrier:
         return out + self._load()
 
     def on_refused(self, refused: Iterable[StoreReading], reason: str, now_ms: int) -> list[Effect]:
-        """Readings that could not be stored stay with their sensors, which hear nothing of them."""
+        """Log readings that could not be stored. They get no `sensor_ack`, so their sensors keep them."""
         out: list[Effect] = []
         for effect in refused:
             out.append(Log("sensor_store", f"{reason}; new readings stay with their sensors until there is room"))
@@ -97,27 +97,27 @@ class Carrier:
         return out
 
     def on_fog_up(self, now_ms: int) -> list[Effect]:
-        """This session's birth is published: what was under way on an earlier connection may be lost."""
+        """The birth is published: send again the readings that an earlier connection may have lost."""
         self._fog_is_up = True
         for sent in self._under_way.values():
             sent.retry = None
         return [*map(self._publish, self._under_way.values()), *self._load()]
 
     def on_path(self) -> list[Effect]:
-        """Another connection to the fog: what no broker has acknowledged may be lost with the one before."""
+        """Send again the readings without PUBACK, which may be lost with the earlier connection to the fog."""
         return [self._publish(sent) for sent in self._under_way.values() if sent.retry is None]
 
     def on_fog_down(self) -> None:
         self._fog_is_up = False
 
     def on_new_activator(self, now_ms: int) -> None:
-        """Another session of the activator: what the one before it took along may be lost."""
+        """The activator has a new session: repeat the readings that the old one may have lost."""
         for sent in self._under_way.values():
             if sent.retry is not None:
                 sent.retry = Retry(now_ms)
 
     def on_loaded(self, rows: list[tuple[int, Reading]], most: int, now_ms: int) -> list[Effect]:
-        """Stored readings, each with its place, in answer to a LoadReadings of `most`."""
+        """Send stored readings, each with its place: the result of a LoadReadings of `most`."""
         self._is_loading = False
         self._may_have_more = len(rows) >= most
         out: list[Effect] = []
@@ -134,7 +134,7 @@ class Carrier:
         return out + self._load()
 
     def on_published(self, key: ReadingKey, code: int, now_ms: int) -> list[Effect]:
-        """The fog's broker has it. Nothing keeps it there, so the activator's word is waited for."""
+        """The fog's broker has the reading, but may lose it: wait for the activator's acknowledgement."""
         sent = self._under_way.get(key)
         if sent is not None and sent.retry is None:
             sent.retry = Retry.unanswered(now_ms)
@@ -148,7 +148,7 @@ class Carrier:
         return [ForgetReadings(keys), *self._load()]
 
     def tick(self, now_ms: int) -> list[Effect]:
-        """What the activator has not acknowledged in time is sent again; more is loaded when there is room."""
+        """Repeat readings that the activator has not acknowledged in time, and load more if there is room."""
         out: list[Effect] = []
         if self._fog_is_up:
             due = [f for f in self._under_way.values() if f.retry is not None and f.retry.is_due(now_ms)]
@@ -156,7 +156,7 @@ class Carrier:
         return out + self._load()
 
     def _again(self, sent: UnderWay) -> list[Effect]:
-        """Say a reading once more; one whose sensor's certificate is not good any more makes room for others."""
+        """Send a reading again, or drop it from the window if its sensor's certificate is no longer valid."""
         reading, sent.again = sent.reading, True
         refusal = self._refusal(reading)
         if refusal is None:
@@ -165,7 +165,7 @@ class Carrier:
         return [Log("sensor_certificate", f"{reading.key}: stays, because nobody would take it: {refusal}")]
 
     def _acknowledged(self, message: Inbound) -> bytes:
-        """Which readings are safe: in the words of a station that has heard them, where messages are signed."""
+        """The acknowledging payload; where messages are signed, a station that received the readings signed it."""
         seal = self._channel.seal
         if seal is None:
             return message.payload
@@ -176,7 +176,7 @@ class Carrier:
         return signed.payload
 
     def _refusal(self, reading: Reading) -> str | None:
-        """Why a station that does not know its sensor would not take a reading."""
+        """Why a station that does not know the sensor would refuse its reading, if it would."""
         seal = self._channel.seal
         if seal is None or not seal.signs_readings:
             return None
@@ -204,12 +204,12 @@ class Carrier:
 
 
 def is_carried(ref: Hashable) -> bool:
-    """Whether a publish's `ref` is of a reading."""
+    """Whether a publish's `ref` belongs to a reading."""
     return isinstance(ref, ReadingKey)
 
 
 def _with_certificate(payload: bytes) -> bytes:
-    """What a sensor signed; raises PayloadError without its certificate, which is kept with the reading."""
+    """A signed payload with its sensor's certificate, stored with the reading. Raises PayloadError without one."""
     if Envelope.parse(payload).certificate is None:
         raise PayloadError("reading: expected the sensor's certificate with it", "not_signed")
     return payload

@@ -1,6 +1,6 @@
 """The readings that a drone carries: a bounded sqlite file that survives a crash and a power loss.
 
-Write-ahead log with full synchronisation: what a finished transaction holds is on the disk.
+Write-ahead log with full synchronisation: a finished transaction is on the disk.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _KEY = "sensor = ? AND boot = ? AND seq = ?"
 
 @dataclass
 class Batch:
-    """What is to be done in one transaction: forget, then store, then load."""
+    """The work of one transaction: forget, then store, then load."""
 
     forget: list[ReadingKey] = field(default_factory=list)
     store: list[StoreReading] = field(default_factory=list)
@@ -51,21 +51,21 @@ class Batch:
 
 @dataclass
 class Done:
-    """What became of a batch. `reason` says why something was refused; `rows` are places and readings, oldest first."""
+    """The result of a batch. `reason`: why readings were refused; `rows` are places and readings, oldest first."""
 
     stored: list[StoreReading] = field(default_factory=list)
     refused: list[StoreReading] = field(default_factory=list)
     reason: str = ""
     rows: list[tuple[int, Reading]] = field(default_factory=list)
     failed: bool = False
-    """Nothing of the batch was done; what was to be forgotten is still there."""
+    """Nothing of the batch was done, and the readings to forget are still stored."""
 
 
 class SensorStore:
-    """At most `limit` readings in `path`, for one process at a time; raises ConfigurationError for what cannot be it.
+    """At most `limit` readings in `path`, for one process at a time. Raises ConfigurationError for an unusable file.
 
-    To be used by one thread at a time. A reading that is there already counts as stored. A disk that is full or fails
-    refuses, from the start on, until it takes something again.
+    Use it from one thread at a time. A reading that is already stored counts as stored. While the disk is full or
+    fails, even at the start, readings are refused.
     """
 
     def __init__(self, path: Path, limit: int = DEFAULT_LIMIT) -> None:
@@ -84,7 +84,7 @@ class SensorStore:
         return self._count
 
     def carry_out(self, batch: Batch) -> Done:
-        """Carry a batch out as one transaction, which is on the disk when this returns; an error refuses all of it."""
+        """Carry a batch out as one transaction, which is on the disk on return. After an error all of it is refused."""
         done = Done()
         count = self._count
         try:
@@ -101,7 +101,7 @@ class SensorStore:
             self._count = count
             if not self._is_open:
                 return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
-            with contextlib.suppress(sqlite3.Error):  # sqlite rolls back by itself after some errors
+            with contextlib.suppress(sqlite3.Error):  # after some errors sqlite has already rolled back
                 self._database.execute("ROLLBACK")
             return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
         return done
@@ -109,11 +109,11 @@ class SensorStore:
     def close(self) -> None:
         if not self._is_open:
             return
-        with contextlib.suppress(sqlite3.Error):  # all that counts is on the disk already
+        with contextlib.suppress(sqlite3.Error):  # finished transactions are already on the disk
             self._database.close()
 
     def _open(self) -> None:
-        """Open the file where that has not been done: a full disk may have been in the way."""
+        """Open the file if it is not open, as after a start on a full disk."""
         if self._is_open:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -186,7 +186,7 @@ class SensorStore:
 
 
 def _restored(sensor: int, kind: str, payload: bytes) -> Reading:
-    """A reading as it was stored, signed or not; raises PayloadError."""
+    """A stored reading, signed or not. Raises PayloadError."""
     try:
         signed = Envelope.parse(payload)
     except PayloadError:

@@ -1,4 +1,4 @@
-"""Fogs and drones as their ground station sees them: what is known of them, and the commands to them."""
+"""Fogs and drones as their ground station sees them: their states, and the commands to them."""
 
 from .commands import TTL_S
 from .drone import TAKEOVER_S, UPLOAD_TTL_S, Drone, KnownState

@@ -29,7 +29,7 @@ TTL_S = DEFAULT_TTL_MS / 1000
 
 
 class DroneCommands(ABC):
-    """A method for each command of a drone, made of `send`."""
+    """One method per command of a drone; each calls `send`."""
 
     @abstractmethod
     def send(
@@ -92,7 +92,7 @@ class DroneCommands(ABC):
 
         Parameters:
             name: the parameter, at most 16 characters.
-            value: what to set it to; a whole number where the parameter is one.
+            value: its new value; a whole number for an integer parameter.
         """
         return self.send(SetParameter(name, value), ttl_s=ttl_s, limit_s=limit_s)
 
@@ -106,7 +106,7 @@ class DroneCommands(ABC):
         """Fly the mission of a plan, if that is the one that the drone has; completed at its end.
 
         Parameters:
-            plan: whose mission to fly.
+            plan: the plan with the mission.
             item: where to begin, counted from 1.
         """
         return self.send(StartMission(plan.mission_hash, item), ttl_s=ttl_s, limit_s=limit_s)
@@ -121,7 +121,7 @@ class DroneCommands(ABC):
         """Fly the mission of a plan on from its current item; completed at its end.
 
         Parameters:
-            plan: whose mission to fly.
+            plan: the plan with the mission.
         """
         return self.send(Resume(plan.mission_hash), ttl_s=ttl_s, limit_s=limit_s)
 
@@ -131,7 +131,7 @@ class DroneCommands(ABC):
         """Make an item of a plan's mission the current one; a mission that is flown goes on from there.
 
         Parameters:
-            plan: whose mission it is.
+            plan: the plan with the mission.
             item: the item, counted from 1.
         """
         return self.send(SetCurrentItem(plan.mission_hash, item), ttl_s=ttl_s, limit_s=limit_s)

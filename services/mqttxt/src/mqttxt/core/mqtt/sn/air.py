@@ -1,4 +1,4 @@
-"""The gateway of an activator as a job: its UDP socket, and a connection to the fog's broker for each client."""
+"""The gateway as a job of the activator: its UDP socket, and a connection to the fog's broker for each client."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ logger = logging.getLogger("mqttxt.mqtt")
 
 BROKER_SIDE = "air"
 CLIENT_PREFIX = "sn-"
-"""In front of a client's id at the broker: no datagram takes over the id of a client with a connection of its own."""
+"""Prefix of a client's id at the broker, so that no datagram takes over the id of a client with its own connection."""
 MOST_UNSENT_BYTES = 1 << 20
 TICK_S = 0.05
 """Half of the shortest time after which a packet is repeated."""
@@ -93,13 +93,13 @@ class _ToBroker:
                 connection.close(with_will=self._with_will)
             air.look()
 
-    # What the connection reports.
+    # Reports of the connection.
 
     def connected(self, link: str) -> None:
-        """A link says this, not a connection."""
+        """Reported by links, not by connections."""
 
     def disconnected(self, link: str) -> None:
-        """A link says this, not a connection."""
+        """Reported by links, not by connections."""
 
     def received(self, link: str, message: Inbound) -> None:
         self._client().on_message(message, self._air.now_s())
@@ -116,7 +116,7 @@ class _ToBroker:
 
 
 async def _is_refused(connection: Connection) -> bool:
-    """Wait for a connection's end; whether it was that a subscription was refused."""
+    """Wait for a connection's end; returns whether it ended because a subscription was refused for good."""
     try:
         await connection.ended
     except BrokerRefused:
@@ -125,7 +125,7 @@ async def _is_refused(connection: Connection) -> bool:
 
 
 class Air(asyncio.DatagramProtocol):
-    """Serves UAV clients at a UDP address, and connects each to `broker`. `root` is that of the fog side's topics."""
+    """Serves UAV clients at a UDP address, and connects each to `broker`. `root` is the root of the fog's topics."""
 
     def __init__(
         self,
@@ -149,7 +149,7 @@ class Air(asyncio.DatagramProtocol):
         self._timer: asyncio.TimerHandle | None = None
 
     async def run(self) -> None:
-        """Serve until cancelled; raises ConfigurationError where the address cannot be had."""
+        """Serve until cancelled; raises ConfigurationError if the address is not available."""
         loop = asyncio.get_running_loop()
         try:
             transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=(self.host, self.port))
@@ -173,8 +173,9 @@ class Air(asyncio.DatagramProtocol):
         return asyncio.get_running_loop().time()
 
     def look(self) -> None:
-        """See to it that the gateway is called while it has clients: with 300 of them, to ask each for its time costs
-        more than a datagram.
+        """Start the timer if the gateway has clients and no timer runs.
+
+        It ticks at a fixed interval: to ask each of 300 clients for its next time costs more than a datagram.
         """
         if self._timer is None and self._transport is not None and self._gateway.due_s() < inf:
             self._timer = asyncio.get_running_loop().call_later(TICK_S, self._tick)
@@ -190,11 +191,11 @@ class Air(asyncio.DatagramProtocol):
         self.look()
 
     def error_received(self, error: Exception) -> None:
-        """A datagram was not taken: lost, as on the way."""
+        """The system refused a datagram: it is counted, and lost as if on the way."""
         self.count("air_send", str(error))
 
     def _is_newer_list(self, payload: bytes) -> bool:
-        """Whether it is a revocation list of the fleet that is newer than the activator's."""
+        """Whether a payload is a revocation list of the fleet that is newer than the activator's."""
         if self.identity is None:
             return False
         fleet = self.identity.fleet

@@ -1,4 +1,4 @@
-"""One UAV client as its gateway sees it: a state machine between its datagrams and a connection to the broker."""
+"""One UAV client at its gateway: a state machine between the client's datagrams and a connection to the broker."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .together import Told, Unpacker
 from .topic_ids import TOGETHER, TopicIds, Travel
 
 GREETING_S = 5.0
-"""How long a client may take for its will, and for its first packet behind CONNACK."""
+"""How long a client may take for its will, and for its first packet after CONNACK."""
 OPENING_S = 20.0
-"""How long a client is kept for which no connection to the broker comes about, from its CONNECT on."""
+"""How long after its CONNECT a client without a connection to the broker is kept."""
 LINGER_S = 5.0
-"""How long a client that took leave is answered when it does so again."""
+"""How long after its DISCONNECT a client is answered when it repeats that."""
 _REFUSED, _TOO_MUCH = 0x87, 0x97
 """MQTT 5's reason codes "not authorized" and "quota exceeded"."""
 _Asked = Message | packets.Register | packets.Subscribe | packets.Unsubscribe
@@ -34,7 +34,7 @@ _Answer = packets.Puback | packets.Regack | packets.Suback | packets.Unsuback
 
 
 class BrokerSide(Protocol):
-    """The client's connection to the broker. What it reports goes to the methods of `AirClient`."""
+    """The client's connection to the broker, which reports to the methods of `AirClient`."""
 
     def open(self, client_id: str, will: Will | None) -> None: ...
     def publish(self, told: Told, ref: Hashable) -> None: ...
@@ -54,7 +54,7 @@ class Stage(Enum):
 
 @dataclass
 class _Awaited:
-    """A PUBLISH that the broker has yet to acknowledge: how many times, and the worst code so far."""
+    """A PUBLISH that awaits the broker: how many PUBACKs are `missing`, and the worst code so far."""
 
     topic_id: int
     msg_id: int
@@ -65,9 +65,9 @@ class _Awaited:
 class AirClient:
     """One client at one address, from its CONNECT to its end. Times are seconds of one clock.
 
-    `claim` says whether the client's id and drone are nobody else's, `is_newer_list` whether a payload is a revocation
-    list that is to be passed on, `takes_birth` whether a birth or will of so many bytes is. It speaks of one drone: the
-    first that its will or a topic names.
+    `claim` returns whether the client may connect with its id and drone, `is_newer_list` whether to pass a revocation
+    list on, `takes_birth` whether to pass on a birth or will of so many bytes. The client's drone is the first one that
+    its will or a topic names.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class AirClient:
         self.stage = Stage.WILL_TOPIC if connect.has_will else Stage.OPENING
         self.drone: int | None = None
         self.published = 0
-        """How many messages it had for the broker."""
+        """How many messages it has published."""
         self._challenge = Challenge()
         self._keepalive_s = min(connect.duration_s or KEEPALIVE_S, KEEPALIVE_S)
         self._ids = ids
@@ -99,7 +99,7 @@ class AirClient:
         self._will_topic = ""
         self._since_s = self._last_in_s = now_s
         self.is_confirmed = False
-        """Whether it has said anything, but that it leaves, since it is connected."""
+        """Whether it has sent a packet other than WILLMSG or DISCONNECT since it is connected."""
         self._address = AddressProof()
         round_trip = RoundTrip()
         last_id = secrets.randbelow(MOST_IDS)
@@ -121,15 +121,15 @@ class AirClient:
 
     @property
     def is_there(self) -> bool:
-        """Whether the client's id is its own."""
+        """Whether it holds its id: it has a connection to the broker, or one is being opened."""
         return self.stage in (Stage.OPENING, Stage.UP)
 
     def came(self, size: int) -> None:
-        """A datagram of so many bytes came from the client's address."""
+        """A datagram of `size` bytes arrived from the client's address."""
         self._address.came(size)
 
     def received(self, packet: Packet, now_s: float) -> None:
-        """A packet came from the client's address."""
+        """A packet arrived from the client's address."""
         self._last_in_s = now_s
         self._challenge.answered()
         if self.stage is Stage.UP:
@@ -150,7 +150,7 @@ class AirClient:
             self._send(packets.WillMsgReq())
 
     def on_connect_again(self, now_s: float) -> bool:
-        """Its CONNECT came once more; whether it is a repetition, which has had its answer again."""
+        """Its CONNECT arrived again; returns whether that is a repetition, which then is answered again."""
         if self.stage is Stage.WILL_TOPIC:
             self._send(packets.WillTopicReq())
         elif self.stage is Stage.WILL:
@@ -160,12 +160,12 @@ class AirClient:
         return not (self.stage in (Stage.LEFT, Stage.GONE) or (self.stage is Stage.UP and self.is_confirmed))
 
     def ask(self, now_s: float) -> None:
-        """Somebody else came with its id or drone: is it there?"""
+        """Challenge the client, because a newcomer has named its id or drone."""
         if self._challenge.begin(now_s):
             self._send(packets.Pingreq())
 
     def tick(self, now_s: float) -> None:
-        """Repeat what is due; end what is over. To be called at `due_s`."""
+        """Repeat due packets, and end the client when its time is over; to be called at `due_s`."""
         if self.stage is Stage.UP:
             self._sender.tick(now_s)
         if self.is_there and self._challenge.asks_again(now_s):
@@ -179,12 +179,12 @@ class AirClient:
             self.stage = Stage.GONE
 
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """When to call `tick` next."""
         ask_due_s = self._challenge.due_s() if self.is_there else inf
         return min(self._over_s(), ask_due_s, self._sender.due_s() if self.stage is Stage.UP else inf)
 
     def _over_s(self) -> float:
-        """When its stage is over where nothing more comes: silence as a broker has it (MQTT 5.0, 3.1.2.10)."""
+        """When its stage ends if no further packet arrives: while up, as a broker's keep-alive (MQTT 5.0, 3.1.2.10)."""
         if not self.is_there:
             return self._since_s + (LINGER_S if self.stage is Stage.LEFT else GREETING_S)
         is_up = self.stage is Stage.UP
@@ -194,15 +194,18 @@ class AirClient:
         return min(lasts_s, self._challenge.over_s())
 
     def end(self, now_s: float) -> None:
-        """It is given up; the broker publishes its will. At its port there may be who came with its id meanwhile."""
+        """Give the client up; the broker publishes its will.
+
+        No DISCONNECT is sent during a challenge: the newcomer with its id may be at the same port.
+        """
         if not self._challenge.is_open:
             self._send(packets.Disconnect())
         self._leave(now_s, with_will=True)
 
-    # What the connection to the broker reports.
+    # Reports of the connection to the broker.
 
     def on_opened(self, code: int, now_s: float) -> None:
-        """The broker has answered, or cannot be reached (CONGESTION)."""
+        """The broker has answered with `code`, or cannot be reached (CONGESTION)."""
         if self.stage is not Stage.OPENING:
             return
         self.stage, self._since_s = Stage.UP if code == 0 else Stage.GONE, now_s
@@ -216,7 +219,7 @@ class AirClient:
             self.end(now_s)
 
     def on_message(self, message: Inbound, now_s: float) -> None:
-        """The broker has a message for it."""
+        """The broker has delivered a message for the client."""
         if self.stage is not Stage.UP:
             return
         known, told = (
@@ -230,7 +233,7 @@ class AirClient:
             self._count("air_held_up", f"{self.client_id}: {message.topic}")
 
     def on_published(self, ref: Hashable, code: int) -> None:
-        """The broker has acknowledged what was published with `ref`, the packet's message id."""
+        """The broker has acknowledged a publish; `ref` is the message id of the client's packet."""
         awaited = self._awaited
         if awaited is not None and awaited.msg_id == ref:
             self._await(_Awaited(awaited.topic_id, awaited.msg_id, awaited.missing - 1, max(awaited.code, code)))
@@ -242,7 +245,7 @@ class AirClient:
             self._asking = None
             self._answer(packets.Suback(self._topics.granted(subscribe.topic), subscribe.msg_id))
 
-    # Packets of a client that is connected.
+    # Packets of a connected client.
 
     def _on_packet(self, packet: Packet, now_s: float) -> None:
         if isinstance(packet, _Asked) and not (isinstance(packet, Message) and packet.qos == 0):
@@ -310,7 +313,7 @@ class AirClient:
             self._broker.publish(each, message.msg_id if each.qos else None)
 
     def _read(self, message: Message) -> list[Told]:
-        """The messages that a PUBLISH has, or ends; raises ValueError."""
+        """The messages that a PUBLISH carries or completes; raises ValueError."""
         if message.topic_id == TOGETHER and message.id_type == PREDEFINED:
             if message.qos == 0:
                 raise ValueError("messages together at QoS 0; expected QoS 1")
@@ -321,7 +324,7 @@ class AirClient:
         return [Told(topic, message.payload, message.qos, message.retain)]
 
     def _refusal(self, told: Told, now_s: float) -> int | None:
-        """The return code of what is not passed on, None for what is: others than the activator hear some of it."""
+        """The return code of a list or birth that is not passed on, else None: other nodes receive these too."""
         if self._ids.is_list(told.topic) and not self._is_newer_list(told.payload, now_s):
             self._count("air_list", f"{self.client_id}: {told.topic}: no newer list of the fleet")
             return 0
@@ -331,7 +334,7 @@ class AirClient:
         return None
 
     def _await(self, awaited: _Awaited) -> None:
-        """PUBACK once the broker has acknowledged all."""
+        """Send the PUBACK once the broker has acknowledged all its messages."""
         if awaited.missing > 0:
             self._awaited = awaited
             return
@@ -362,7 +365,7 @@ class AirClient:
             self._broker.subscribe(topic, packet.live_only, packet.msg_id)
 
     def _may(self, rule: Callable[[int | None, str], bool], topic: str, now_s: float) -> bool:
-        """Whether the rule lets it. A client ends that names another drone than its own, or one that is there."""
+        """Whether `rule` allows the topic; ends a client that names another drone than its own, or another client's."""
         drone = self._ids.drone_of(topic)
         is_first = self.drone is None and drone is not None
         if is_first:
@@ -372,7 +375,7 @@ class AirClient:
             return False
         return rule(self.drone, topic)
 
-    # Greeting and leave.
+    # Connecting and leaving.
 
     def _on_will_topic(self, packet: packets.WillTopic) -> None:
         self.drone = self._ids.drone_of(packet.topic)
@@ -404,7 +407,7 @@ class AirClient:
         self._send(packet)
 
     def _send(self, packet: Packet) -> None:
-        """To an address that is not proven no more than its share; the rest is lost, as on the way."""
+        """Send a packet; one beyond the limit of an unproven address is lost, as if on the way."""
         datagram = packets.encode(packet)
         if self._address.takes(len(datagram)):
             self._send_datagram(datagram)

@@ -1,15 +1,15 @@
-"""Whether a client is still there, asked because somebody else came with its id or its drone (R20.10)."""
+"""Checks whether a client is still present, after a newcomer named its id or its drone (R20.10)."""
 
 from __future__ import annotations
 
 from math import inf
 
 ASK_S, ASK_TIMES = 5.0, 4
-"""How long a client whose id or drone somebody else names may take to answer, and how often it is asked meanwhile."""
+"""How long such a client may take to answer, and how many PINGREQs it is sent meanwhile."""
 
 
 class Challenge:
-    """Asked by PINGREQ, `ASK_TIMES` within `ASK_S`. Times are seconds of one clock."""
+    """The challenge of one client: `ASK_TIMES` PINGREQs within `ASK_S`. Times are seconds of one clock."""
 
     def __init__(self) -> None:
         self._asked_s: float | None = None
@@ -18,22 +18,22 @@ class Challenge:
 
     @property
     def is_open(self) -> bool:
-        """Whether the client has been asked, and not answered."""
+        """Whether the client has been challenged and has not answered."""
         return self._asked_s is not None
 
     def begin(self, now_s: float) -> bool:
-        """Somebody else came; whether that is the first time since the client said something."""
+        """A newcomer appeared; returns whether it is the first since the client last sent a packet."""
         self._is_asked_again = self.is_open
         if self._asked_s is None:
             self._asked_s, self._times = now_s, 1
         return not self._is_asked_again
 
     def answered(self) -> None:
-        """The client has said something."""
+        """The client has sent a packet."""
         self._asked_s = None
 
     def asks_again(self, now_s: float) -> bool:
-        """Whether to ask once more; who came once alone, and did not come again, is forgotten at last."""
+        """Whether to send another PINGREQ; a newcomer that appeared only once is forgotten in the end."""
         if now_s < self.due_s():
             return False
         if self._times < ASK_TIMES:
@@ -44,9 +44,9 @@ class Challenge:
         return False
 
     def due_s(self) -> float:
-        """When `asks_again` has something to do."""
+        """When to call `asks_again` next; infinite without a challenge."""
         return inf if self._asked_s is None else self._asked_s + self._times * ASK_S / ASK_TIMES
 
     def over_s(self) -> float:
-        """When the client is given up."""
+        """When the client is given up; infinite without a challenge."""
         return inf if self._asked_s is None else self._asked_s + ASK_S

@@ -1,4 +1,4 @@
-"""The UAV client's end of the air leg: a state machine that takes datagrams and times, and calls back."""
+"""The UAV client's end of the air leg: a state machine that is fed datagrams and times, and reports by callbacks."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from .together import Told, Unpacker
 from .topic_ids import TOGETHER, TopicIds, Travel
 
 QUIET_S = 5.0
-"""After so long without a word of the gateway it is asked for a sign of life."""
+"""After this long without a datagram from the gateway the client sends a PINGREQ (R20.9)."""
 CONFIRM_S = 1.5
-"""A state that no newer one has followed by then is sent once more, at QoS 1. States at a rate have a newer one."""
+"""A state that no newer one has followed within this time is sent once more, at QoS 1 (R20.4)."""
 _UNREADABLE = 0x99
 
 
 class ClientEvents(Protocol):
-    """What a connection hears of its client's machine."""
+    """The callbacks of an `SnClient`."""
 
     def on_connack(self, code: int) -> None: ...
     def on_message(self, message: Inbound) -> None: ...
     def on_ended(self) -> None:
-        """The gateway has ended the connection, or does not answer any more."""
+        """The gateway has ended the connection, or no longer answers."""
         ...
 
     def count(self, kind: str, detail: str) -> None: ...
@@ -46,7 +46,7 @@ class _Newest:
 
 
 class SnClient:
-    """One connection to a gateway, from CONNECT to its end. `send` takes datagrams; times are seconds of one clock."""
+    """One connection to a gateway, from CONNECT to its end. `send` sends a datagram; times are seconds of one clock."""
 
     def __init__(
         self, client_id: str, will: Will | None, ids: TopicIds, send: Callable[[bytes], None], events: ClientEvents
@@ -71,7 +71,7 @@ class SnClient:
 
     @property
     def is_settled(self) -> bool:
-        """Whether all that has to arrive has."""
+        """Whether all messages that must arrive have been acknowledged."""
         return self._sender.is_idle
 
     def connect(self, now_s: float) -> None:
@@ -80,9 +80,9 @@ class SnClient:
         self._take_step(packets.Connect(self._client_id, KEEPALIVE_S, has_will), now_s)
 
     def publish(self, effect: Publish, now_s: float, done: Callable[[int], None] | None = None) -> None:
-        """Send a message as its topic travels; `done` hears MQTT 5's reason code of what travels surely.
+        """Send a message as its topic travels (R20.4); `done` gets the MQTT 5 reason code of one that travels surely.
 
-        MQTT-SN's own return codes mean that it was not taken.
+        MQTT-SN's own return codes, which mean that the message was not accepted, become 0x80.
         """
         told = Told(effect.topic, effect.payload, effect.qos, effect.retain)
         travel = self._ids.travel(effect.topic)
@@ -100,7 +100,7 @@ class SnClient:
             self._send(Message(found[0], effect.payload, retain=effect.retain))
 
     def subscribe(self, effect: SubscribeEffect, now_s: float, done: Callable[[list[int]], None]) -> None:
-        """Subscribe to each of the filters; `done` hears the codes, in their order."""
+        """Subscribe to each of the filters; `done` gets the return codes, in the order of the filters."""
         codes: list[int] = []
 
         def on_code(code: int) -> None:
@@ -116,22 +116,22 @@ class SnClient:
             self._sender.ask(packets.Unsubscribe(0, self._filter(topic)), now_s, lambda _code: None)
 
     def ping(self, now_s: float) -> None:
-        """Ask for a sign of life, unless one is owed."""
+        """Send a PINGREQ, unless one is unanswered."""
         if self.is_up and self._pinged_s is None:
             self._pinged_s, self._ping_sent_s, self._ping_times = now_s, now_s, 1
             self._send(packets.Pingreq())
 
     def usual_s(self, now_s: float) -> float:
-        """By when the gateway answers as a rule; infinite where an answer is overdue."""
+        """The usual upper bound of the gateway's round trip, s; infinite if an answer is overdue."""
         return self.round_trip.usual_s(now_s - self._pinged_s if self._pinged_s is not None else 0.0)
 
     def disconnect(self, now_s: float, *, with_will: bool) -> None:
-        """Take leave, repeated until the gateway has answered."""
+        """Send DISCONNECT, and repeat it until the gateway has answered."""
         if not self.has_ended:
             self._take_step(packets.Disconnect(1 if with_will else None), now_s)
 
     def received(self, datagram: bytes, now_s: float) -> None:
-        """A datagram came from the gateway's address; what is no packet is counted and dropped."""
+        """A datagram arrived from the gateway's address; one that is no packet is counted and dropped."""
         try:
             packet = packets.decode(datagram)
         except ValueError as error:
@@ -143,7 +143,7 @@ class SnClient:
         self._on_packet(packet, now_s)
 
     def tick(self, now_s: float) -> None:
-        """Repeat what is due, confirm states, ask for a sign of life; to be called at `due_s`."""
+        """Repeat due packets, send states once more, ping the gateway; to be called at `due_s`."""
         if self.has_ended:
             return
         if self._step is not None and now_s >= self._step_due_s():
@@ -163,7 +163,7 @@ class SnClient:
             self._end()
 
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """When to call `tick` next."""
         step_s = self._step_due_s() if self._step is not None else inf
         if not self.is_up:
             return step_s
@@ -182,7 +182,7 @@ class SnClient:
             case packets.Connack() if not (self.is_up or isinstance(self._step, packets.Disconnect)):
                 self._step = None
                 self.is_up = packet.code == 0
-                if self.is_up:  # what is said together comes from now on
+                if self.is_up:  # from now on the gateway may send messages together
                     self._sender.ask(Subscribe(0, TOGETHER), now_s, self._on_together)
                 self._events.on_connack(packet.code)
             case packets.Puback() | packets.Suback() | packets.Unsuback():
@@ -190,7 +190,7 @@ class SnClient:
             case Message() if self.is_up:
                 self._on_told(packet)
             case packets.Pingreq():
-                if self.is_up:  # else it is asked whether an earlier client of this port is there
+                if self.is_up:  # else the ping is for an earlier client of this port
                     self._send(packets.Pingresp())
             case packets.Pingresp():
                 if self._pinged_s is not None and self._ping_times == 1:
@@ -238,7 +238,7 @@ class SnClient:
             self._events.count("held_up", f"{told.topic}: the gateway acknowledges nothing")
 
     def _filter(self, topic: str) -> int | str:
-        """A topic by its number, or by its name where it has none."""
+        """A topic's id, or its name if it has none."""
         known = self._ids.id_of(topic)
         return topic if known is None else known
 

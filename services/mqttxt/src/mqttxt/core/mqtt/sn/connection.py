@@ -1,6 +1,6 @@
-"""A UAV client's connection to the gateway of its activator: the machine of `client` on a UDP socket.
+"""A UAV client's connection to the gateway of its activator: the state machine `SnClient` on a UDP socket.
 
-It has the methods of `..connection.Connection`, which a link uses.
+It has the methods of `..connection.Connection` that a link uses.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _TAKEN_AT_ONCE = 256
 
 
 class SnConnection:
-    """One client, on a socket of its own: what is late of an earlier connection has another sender's port.
+    """One client, on a socket of its own: late datagrams of an earlier connection have another port.
 
-    With each of the link's `failures` it begins with the next of the addresses that the gateway's name has.
+    The link's number of `failures` chooses which of the addresses of the gateway's name is tried first.
     """
 
     def __init__(
@@ -49,14 +49,14 @@ class SnConnection:
         self.name = name
         self.address = address
         self.refusal: str | None = None
-        """Why this connection was given up though the gateway had accepted it."""
+        """Why this connection was given up although the gateway had accepted it."""
         self._failures = failures
         self.was_served = False
         """Whether the gateway has delivered or acknowledged a message."""
         self._events = events
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[int] = self._loop.create_future()
-        """0 at the connection's end."""
+        """Done, with 0, at the connection's end."""
         self._accepted: asyncio.Future[int] = self._loop.create_future()
         self._settled: asyncio.Future[None] | None = None
         self._notes: deque[Callable[[], None]] = deque()
@@ -79,13 +79,13 @@ class SnConnection:
             return await asyncio.shield(self._accepted)
 
     def publish(self, effect: Publish) -> None:
-        """Hand a message over."""
+        """Send a message; with a `ref` its reason code is reported."""
         done = None if effect.ref is None else partial(self._published, effect)
         self._client.publish(effect, self._loop.time(), done)
         self._arm()
 
     def subscribe(self, effect: Subscribe) -> None:
-        """Subscribe, behind what is under way."""
+        """Subscribe once the packets before it are answered."""
         self._client.subscribe(effect, self._loop.time(), partial(self._subscribed, effect))
         self._arm()
 
@@ -94,35 +94,35 @@ class SnConnection:
         self._arm()
 
     def acknowledge(self, receipt: Receipt) -> None:
-        """Nothing: all that comes is acknowledged at once."""
+        """Does nothing: every message is acknowledged on arrival."""
 
     def ping(self) -> None:
-        """Ask the gateway for a sign of life, unless it owes one."""
+        """Send a PINGREQ, unless one is unanswered."""
         self._client.ping(self._loop.time())
         self._arm()
 
     def usual_s(self) -> float:
-        """By when the gateway answers as a rule, in seconds; infinite where an answer is overdue."""
+        """The usual upper bound of the gateway's round trip, s; infinite if an answer is overdue."""
         return self._client.usual_s(self._loop.time())
 
     def wrong_with_broker(self, identity: Identity) -> str | None:
-        """None: a gateway shows no certificate; what it passes on is signed."""
+        """Always None: a gateway shows no certificate; the messages that it passes on are signed."""
         return None
 
     def give_up(self, reason: str) -> None:
-        """End a connection that the gateway had accepted; the link begins another one."""
+        """End a connection that the gateway had accepted; the link then opens a new one."""
         self.refusal = reason
         self.close(with_will=True)
 
     async def settled(self, limit_s: float) -> None:
-        """Wait until all that has to arrive has."""
+        """Wait, at most `limit_s`, until all messages that must arrive are acknowledged."""
         self._settled = self._loop.create_future()
         self._arm()
         awaited: set[asyncio.Future[Any]] = {self._settled, self.ended}
         await asyncio.wait(awaited, timeout=limit_s, return_when=asyncio.FIRST_COMPLETED)
 
     async def leave(self, limit_s: float) -> None:
-        """DISCONNECT, repeated until the gateway has answered; with the will where something never arrived."""
+        """Send DISCONNECT, repeated until answered, for at most `limit_s`; with the will if a message never arrived."""
         if self._socket is not None and not self.ended.done():
             self._client.disconnect(self._loop.time(), with_will=not self._client.is_settled)
             self._arm()
@@ -130,12 +130,12 @@ class SnConnection:
         self._end()
 
     def close(self, *, with_will: bool = False) -> None:
-        """DISCONNECT once, and close the socket; where that is lost, the gateway notices the silence."""
+        """Send DISCONNECT once, and close the socket; if it is lost, the gateway notices the silence."""
         if self._socket is not None and not self._client.has_ended:
             self._client.disconnect(self._loop.time(), with_will=with_will or not self._client.is_settled)
         self._end()
 
-    # What the machine calls.
+    # Called by the state machine.
 
     def on_connack(self, code: int) -> None:
         if not self._accepted.done():
@@ -151,7 +151,7 @@ class SnConnection:
     def count(self, kind: str, detail: str) -> None:
         self._events.count(kind, f"{self.name}: {detail}")
 
-    # What the event loop calls.
+    # Called by the event loop.
 
     def _readable(self) -> None:
         for _ in range(_TAKEN_AT_ONCE):
@@ -169,17 +169,17 @@ class SnConnection:
         self._deliver()
 
     def _deliver(self) -> None:
-        """Tell what was noted, now that the machine is not half-way through a packet."""
+        """Make the noted calls, now that the state machine is not half-way through a packet."""
         try:
             while self._notes:
                 self._notes.popleft()()
         finally:
-            if self._notes:  # a role failed: the loop reports it, and the rest is delivered all the same
+            if self._notes:  # a role failed: the loop reports it, and the rest is still delivered
                 self._loop.call_soon(self._deliver)
             self._arm()
 
     def _arm(self) -> None:
-        """See to it that the machine is called when it has something to do."""
+        """Set the timer for the state machine's next `tick`."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -195,7 +195,7 @@ class SnConnection:
         self._deliver()
 
     def _send(self, datagram: bytes) -> None:
-        """A datagram that the system does not take is lost, as on the way."""
+        """Send a datagram; one that the system refuses is counted, and lost as if on the way."""
         if self._socket is None:
             return
         try:
@@ -206,7 +206,7 @@ class SnConnection:
             self.count("air_send", str(error.strerror or error))
 
     def _failed(self, error: OSError) -> None:
-        """Nobody is at the gateway's port."""
+        """End after a socket error: no program listens at the gateway's port, for example."""
         if not self._accepted.done():
             self._accepted.set_exception(error)
         self._end()
@@ -234,11 +234,11 @@ class SnConnection:
             self.ended.set_result(0)
         if not self._accepted.done():
             self._accepted.set_exception(ConnectionResetError("connection closed"))
-            self._accepted.exception()  # nobody may wait for it any more
+            self._accepted.exception()  # no caller may be waiting any more
 
 
 def _socket_to(address: BrokerAddress, failures: int) -> socket.socket:
-    """A UDP socket whose other side the gateway is; blocks while the name is resolved. Raises OSError."""
+    """A UDP socket connected to the gateway; blocks while the name is resolved. Raises OSError."""
     found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
     first = failures % len(found)
     failure = OSError(f"{address.host}: no address")
@@ -260,6 +260,6 @@ def _socket_to(address: BrokerAddress, failures: int) -> socket.socket:
 
 
 def _abandon(connecting: asyncio.Future[socket.socket]) -> None:
-    """Nobody waits for this socket any more."""
+    """Close a socket whose `open` was cancelled."""
     if connecting.exception() is None:
         connecting.result().close()

@@ -1,4 +1,4 @@
-"""The activator's end of the air leg: who is at which address. A state machine that takes datagrams and times."""
+"""The activator's end of the air leg: the clients by address. A state machine that is fed datagrams and times."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from .sender import LARGEST_DATAGRAM
 from .topic_ids import TopicIds
 
 MOST_CLIENTS = 300
-"""Above the 250 drones that a fog may have."""
+"""More than the 250 drones that a fog may have."""
 CLIENT_PER_S, CLIENT_AT_ONCE = 1000, 2000
-"""Datagrams that are taken of one client, and messages where there are several in one."""
+"""Limits for one client: its datagrams, or their messages if a datagram has several."""
 STRANGERS_PER_S, STRANGERS_AT_ONCE = 200, 400
-"""The same of all others together: their sender addresses may be anybody's."""
+"""Limits for the datagrams of all others together: their sender addresses may be forged."""
 
 OPENED_PER_S, OPENED_AT_ONCE = 20, 60
-"""Connections to the broker that are begun for all clients together; so many at most are under way."""
+"""Limits for new connections to the broker, for all clients together; at most `OPENED_AT_ONCE` are being opened."""
 
 BIRTHS_PER_S, BIRTHS_AT_ONCE = 5, 20
-"""Births and wills of one drone, by 1,200 bytes or part of them: the drone hears them, whoever says them."""
+"""Limits for births and wills of one drone, per 1,200 bytes or part of them: the drone receives forged ones too."""
 
 Address = tuple[Any, ...]
 
 
 class Gateway:
-    """All clients. `send` takes a datagram for an address; `broker` makes the side of a client towards the broker.
+    """All clients. `send` sends a datagram to an address; `broker` makes a client's connection to the broker.
 
-    `is_newer_list` says whether a payload is a revocation list of the fleet that is newer than the activator's:
-    without an identity there are none.
+    `is_newer_list` returns whether a payload is a revocation list of the fleet that is newer than the activator's;
+    without an identity none is.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Gateway:
         self._of_lists = Budget(LISTS_PER_S, LISTS_AT_ONCE)
 
     def received(self, datagram: bytes, address: Address, now_s: float) -> None:
-        """A datagram came; what is no packet, and what is too much, is counted and dropped."""
+        """A datagram arrived; one that is no packet, or beyond the limits, is counted and dropped."""
         client, now_ms = self._at.get(address), int(now_s * 1000)
         budget, whose = (self._of_clients, address) if client is not None else (self._of_strangers, ())
         if not budget.takes(whose, now_ms):
@@ -82,12 +82,12 @@ class Gateway:
             self._send(packets.encode(packets.Disconnect()), address)
 
     def tick(self, now_s: float) -> None:
-        """Repeat what is due; end what is over. To be called at `due_s`."""
+        """Repeat due packets, and end clients that are over; to be called at `due_s`."""
         for address in list(self._at):
             self._look_at(address, now_s)
 
     def due_s(self) -> float:
-        """When `tick` has something to do; infinite where it has not."""
+        """When to call `tick` next; infinite without clients."""
         return min((client.due_s() for client in self._at.values()), default=inf)
 
     def end(self, now_s: float) -> None:
@@ -101,7 +101,7 @@ class Gateway:
         if known is not None and known.client_id == packet.client_id and known.on_connect_again(now_s):
             return
         rival = next((one for one in self._at.values() if one.is_there and one.client_id == packet.client_id), None)
-        if rival is not None:  # a CONNECT proves nothing: anybody can repeat one
+        if rival is not None:  # a CONNECT proves nothing: anyone can repeat one
             rival.ask(now_s)
             return
         if known is not None and known.is_there:
@@ -133,7 +133,10 @@ class Gateway:
         self._look_at(address, now_s)
 
     def _claim(self, client: AirClient, now_s: float) -> bool:
-        """Whether it may connect, and nobody who is there has its id or drone; who has is asked for a sign of life."""
+        """Whether a client may connect: within the limits, with an id and a drone of its own.
+
+        Another client with its id or drone is challenged.
+        """
         for other in self._at.values():
             is_same = other.client_id == client.client_id or (client.drone is not None and other.drone == client.drone)
             if other is not client and other.is_there and is_same:
@@ -148,11 +151,11 @@ class Gateway:
         return False
 
     def _passes_list(self, payload: bytes, now_s: float) -> bool:
-        """Whether a client's revocation list goes to the broker; what is beyond the share of all is not read."""
+        """Whether to pass a client's revocation list to the broker; beyond the limit for all clients it is not read."""
         return self._of_lists.takes((), int(now_s * 1000)) and self._is_newer_list(payload)
 
     def _takes_birth(self, drone: int | None, size: int, now_s: float) -> bool:
-        """Whether a birth or will is within its drone's share, which a long one takes more of."""
+        """Whether a birth or will is within its drone's limit, to which a long one counts several times."""
         now_ms = int(now_s * 1000)
         if not self._of_births.takes(drone, now_ms):
             return False
@@ -167,7 +170,7 @@ class Gateway:
 
 
 def _read(datagram: bytes) -> packets.Packet:
-    """A client's packet; raises ValueError for what is none, and for what is longer than one may be."""
+    """Decode a client's packet; raises ValueError if it is none, or longer than allowed."""
     is_will = datagram[3:4] == bytes((packets.WillMsg.KIND,))
     if len(datagram) > (packets.size_of_publish(b"") + MAX_PAYLOAD if is_will else LARGEST_DATAGRAM):
         raise ValueError(f"{len(datagram)} bytes; expected at most {LARGEST_DATAGRAM}")

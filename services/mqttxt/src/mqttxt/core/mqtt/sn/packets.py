@@ -1,4 +1,4 @@
-"""The packets of MQTT-SN 1.2 that are spoken here, to bytes and back. A datagram is one packet.
+"""Encodes and decodes the packets of MQTT-SN 1.2 that are used here. A datagram is one packet.
 
 QoS 2, sleeping clients, changes of a will, forwarding and the discovery of gateways are left out.
 """
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 NORMAL, PREDEFINED = 0, 1
-"""What a topic id is: one that was registered on this connection, or one that both sides know."""
+"""Types of a topic id: registered on this connection, or known to both sides."""
 CONGESTION, INVALID_TOPIC, NOT_SUPPORTED = 0x01, 0x02, 0x03
-"""Return codes of their own."""
+"""MQTT-SN's own return codes."""
 FIRST_OF_MQTT_5 = 0x10
-"""From here on a return code is MQTT 5's reason code."""
+"""From here on a return code is an MQTT 5 reason code (R20.8)."""
 _DUP, _RETAIN, _WILL, _CLEAN, _TYPE = 0x80, 0x10, 0x08, 0x04, 0x03
 _LIVE_ONLY = _RETAIN
 """In a SUBSCRIBE, where 1.2 gives this flag no meaning."""
@@ -24,7 +24,7 @@ _LONG_LENGTH = 0x01
 _LONGEST_SHORT = 0xFF
 _LONGEST = 0xFFFF
 _OVERHEAD = 9
-"""Bytes of a PUBLISH beside its payload, at most."""
+"""The most bytes of a PUBLISH besides its payload."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Puback:
 
 @dataclass(frozen=True)
 class Subscribe:
-    """To a filter, or to a predefined topic by its id. `live_only` is `core.effects.Subscribe`'s."""
+    """A SUBSCRIBE to a filter, or to a predefined topic by its id; `live_only` as in `core.effects.Subscribe`."""
 
     msg_id: int
     topic: str | int
@@ -152,7 +152,7 @@ class Pingresp:
 
 @dataclass(frozen=True)
 class Disconnect:
-    """With a duration 1.2 has a client that falls asleep, which no gateway of ours serves."""
+    """A DISCONNECT; in 1.2 a duration means a sleeping client, which our gateway does not serve."""
 
     duration_s: int | None = None
     KIND: ClassVar[int] = 0x18
@@ -180,7 +180,7 @@ Packet = (
 
 
 def encode(packet: Packet) -> bytes:
-    """The datagram of a packet; raises ValueError for one of more than 65,535 bytes."""
+    """Encode a packet as a datagram; raises ValueError if that has more than 65,535 bytes."""
     body = bytes((packet.KIND,)) + _body(packet)
     if len(body) + 1 <= _LONGEST_SHORT:
         return bytes((len(body) + 1,)) + body
@@ -191,12 +191,12 @@ def encode(packet: Packet) -> bytes:
 
 
 def size_of_publish(payload: bytes) -> int:
-    """An upper bound of the bytes of its datagram."""
+    """An upper bound of the datagram's bytes for a PUBLISH with this payload."""
     return _OVERHEAD + len(payload)
 
 
 def decode(datagram: bytes) -> Packet:
-    """The packet of a datagram; raises ValueError, with what is wrong, for what is none of those above."""
+    """Decode the packet of a datagram; raises ValueError, with the reason, if it is none of those above."""
     start = 3 if datagram[:1] == bytes((_LONG_LENGTH,)) else 1
     if len(datagram) <= start:
         raise ValueError(f"{len(datagram)} bytes; expected a length and a kind")
@@ -252,7 +252,7 @@ def _subscription(flags: int, msg_id: int, topic: str | int) -> bytes:
 
 
 def _split(body: bytes, layout: str) -> tuple[tuple[int, ...], bytes]:
-    """The numbers in front of a body, and the rest of it."""
+    """Split a body into its leading numbers and the rest."""
     size = struct.calcsize(layout)
     return struct.unpack(layout, body[:size]), body[size:]
 
@@ -339,7 +339,7 @@ def _empty(packet: Packet) -> Callable[[bytes], Packet]:
 
 
 def _pingreq(_body: bytes) -> Pingreq:
-    """Behind it a sleeping client's id may stand."""
+    """A PINGREQ; the id of a sleeping client, which may follow, is ignored."""
     return Pingreq()
 
 

@@ -1,6 +1,6 @@
-"""What has to arrive over datagrams: one packet under way at a time, repeated until it is answered (MQTT-SN 1.2, 6.13).
+"""Reliable delivery over datagrams: one packet in flight at a time, repeated until it is answered (MQTT-SN 1.2, 6.13).
 
-Both ends have a `Sender` for what they say and a `Receiver` that tells repetitions of the other's.
+Each end has a `Sender` for its own packets and a `Receiver` that recognises repetitions of the other end's.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from .together import Told, pack
 from .topic_ids import TOGETHER, TopicIds
 
 LARGEST_DATAGRAM = 1200
-"""Bytes of a datagram behind IP and UDP: less than any link cuts (RFC 8085, section 3.2; IPv6's least is 1,280)."""
+"""Bytes of a datagram without IP and UDP headers: no link cuts it (RFC 8085, section 3.2; IPv6's minimum is 1,280)."""
 FIRST_S, LEAST_S, LONGEST_S = 0.5, 0.1, 2.0
-"""When a packet is repeated: before a round trip was measured, at the least, and at the most."""
+"""Time before a packet is repeated: without a measured round trip, at least, and at most."""
 GIVE_UP_S = 15.0
-"""A connection is lost where nothing answers for so long."""
+"""A connection is lost after this long without an answer."""
 MOST_WAITING = 1000
-"""Messages; as Mosquitto keeps for a client. Further ones are dropped."""
+"""How many messages wait at most, as Mosquitto keeps for a client; further ones are dropped."""
 MOST_WAITING_BYTES = 1 << 19
-"""Of their payloads."""
+"""How many bytes their payloads have at most."""
 MOST_IDS = 65_535
 """Message ids: 1 to this."""
 
@@ -57,22 +57,22 @@ class _UnderWay:
 
 @dataclass
 class _Stream:
-    """Messages that leave together: their bytes, and behind how many of these each ends."""
+    """Messages that are sent together: their bytes, and the offset at which each message ends."""
 
     left: bytes = b""
     ends: deque[tuple[int, Done | None]] = field(default_factory=deque)
 
 
 def repeat_after_s(round_trip: RoundTrip, times: int) -> float:
-    """How long an answer is waited for, behind so many times that a packet was sent."""
+    """How long to wait for an answer to a packet that was sent `times` times (R20.5)."""
     first_s = round_trip.usual_s(0.0) if round_trip.is_known else FIRST_S
     return min(LONGEST_S, float(max(LEAST_S, first_s) * 2 ** (times - 1)))
 
 
 class Sender:
-    """Sends what has to arrive, in its order. `together`: the other side takes messages together and in pieces.
+    """Sends messages that must arrive, in order. `together`: the other side accepts messages together and in pieces.
 
-    `id_of` is the topic id and its type that the other side knows a topic by. Message ids begin behind `last_id`.
+    `id_of` returns the topic id, and its type, that the other side has for a topic. Message ids begin after `last_id`.
     """
 
     def __init__(
@@ -98,13 +98,13 @@ class Sender:
 
     @property
     def is_idle(self) -> bool:
-        """Whether all is answered."""
+        """Whether every packet is answered and none waits."""
         return self._under_way is None and not self._waiting and not self._stream.left
 
     def tell(self, told: Told, now_s: float, done: Done | None = None, key: str | None = None) -> bool:
-        """Send a message behind what waits; `done` hears the return code.
+        """Send a message after those that wait; `done` gets the return code. `key` is for `forget`.
 
-        False where too much waits, and where the other side takes no message of this length or topic.
+        Returns False if too much waits, or if the other side cannot take a message of this length or topic.
         """
         waiting_bytes = self._waiting_bytes + len(told.payload)
         if len(self._waiting) >= MOST_WAITING or waiting_bytes > MOST_WAITING_BYTES:
@@ -120,29 +120,29 @@ class Sender:
         return True
 
     def forget(self, key: str) -> None:
-        """What waits of this key is not sent any more."""
+        """Drop the waiting message with this key, if any."""
         item = self._keyed.pop(key, None)
         if item is not None:
             self._waiting.remove(item)
             self._waiting_bytes -= len(item.told.payload)
 
     def ask(self, packet: Asked, now_s: float, done: Done) -> None:
-        """Send a SUBSCRIBE or UNSUBSCRIBE behind what waits; its message id is set here."""
+        """Send a SUBSCRIBE or UNSUBSCRIBE after those that wait; its message id is set here. `done` as in `tell`."""
         self._waiting.append(_Ask(packet, done))
         self._go_on(now_s)
 
     def probe(self, now_s: float) -> None:
-        """Have something answered, whatever it is: without anything under way a message stream's next piece, empty."""
+        """Make the other side answer: if no packet is in flight, send an empty piece of the stream."""
         if self._under_way is None:
             self._start(Message(TOGETHER, b"", qos=1, msg_id=self._next_id()), [], now_s)
 
     def on_answer(self, answer: Answer, now_s: float) -> bool:
-        """An acknowledgement came; whether it is that of what is under way. Another one changes nothing."""
+        """An acknowledgement arrived; returns whether it is for the packet in flight. Any other changes nothing."""
         current = self._under_way
         kind = {Puback: Message, Suback: Subscribe, Unsuback: Unsubscribe}.get(type(answer))
         if current is None or not isinstance(current.packet, kind or ()) or current.packet.msg_id != answer.msg_id:
             return False
-        if current.times == 1:  # of a repeated one it is not known what was answered (Karn)
+        if current.times == 1:  # the answer to a repeated packet may be for any of its copies (Karn)
             self._round_trip.took(now_s - current.sent_s)
         self._under_way = None
         code = answer.code if not isinstance(answer, Unsuback) else 0
@@ -152,7 +152,7 @@ class Sender:
         return True
 
     def tick(self, now_s: float) -> None:
-        """Repeat what is due."""
+        """Repeat the packet in flight if it is due."""
         current = self._under_way
         if current is not None and now_s >= self._due_s(current):
             current.times += 1
@@ -161,7 +161,7 @@ class Sender:
             self._send(again if isinstance(again, Unsubscribe) else replace(again, dup=True))
 
     def due_s(self) -> float:
-        """When `tick` has something to do; infinite where it has not."""
+        """When to call `tick` next; infinite without a packet in flight."""
         return self._due_s(self._under_way) if self._under_way is not None else inf
 
     def is_lost(self, now_s: float) -> bool:
@@ -187,7 +187,7 @@ class Sender:
             self._start(*self._piece(), now_s)
 
     def _is_single(self, told: Told) -> bool:
-        """Whether a message leaves as a PUBLISH of its own."""
+        """Whether to send a message as a PUBLISH of its own."""
         if not self.together:
             return True
         others_wait = len(self._waiting) > 1 and isinstance(self._waiting[1], _Tell)
@@ -197,7 +197,7 @@ class Sender:
         return size_of_publish(told.payload) <= LARGEST_DATAGRAM and self._id_of(told.topic) is not None
 
     def _piece(self) -> tuple[Message, list[Done]]:
-        """As much of what waits as a datagram takes."""
+        """The next piece of the stream, as a datagram, and the callbacks of the messages that end in it."""
         most = LARGEST_DATAGRAM - size_of_publish(b"")
         stream = self._stream
         while len(stream.left) < most and self._waiting and isinstance(self._waiting[0], _Tell):
@@ -231,18 +231,18 @@ class Sender:
 
 
 class Receiver:
-    """Tells what is new: the other side's message ids rise, and one that does not is a repetition."""
+    """Recognises repetitions: the other side's message ids rise, and one that does not is a repetition."""
 
     def __init__(self) -> None:
         self._last: int | None = None
 
     def is_new(self, msg_id: int) -> bool:
-        """Whether a message id has not come yet; from then on it has."""
+        """Whether a message id is new; if so, notes it."""
         if self._last is not None and not 0 < (msg_id - self._last) % MOST_IDS < MOST_IDS // 2:
             return False
         self._last = msg_id
         return True
 
     def is_last(self, msg_id: int) -> bool:
-        """Whether it is that of the newest message."""
+        """Whether it is the id of the newest message."""
         return msg_id == self._last

@@ -1,7 +1,7 @@
-"""Messages that leave together, and messages in pieces: one stream of bytes, cut where a datagram ends.
+"""Messages sent together, and messages in pieces: one stream of bytes, cut to the size of datagrams (R20.6).
 
-A message in it is a head (flags, topic id, length of the name, length of the payload), the topic's name where the id
-is 0, and the payload. The pieces come in order and once, as the PUBLISHes at QoS 1 that carry them do.
+In the stream a message is a head (flags, topic id, length of the name, length of the payload), the topic's name if the
+id is 0, and the payload. The pieces arrive once and in order, as do the PUBLISHes at QoS 1 that carry them.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from .topic_ids import TopicIds
 
 MOST_BYTES = 65_536
-"""Of one message with its topic."""
+"""The most bytes of one message with its head and topic."""
 _HEAD = struct.Struct(">BHHH")
 _RETAIN, _QOS = 0x10, 0x20
 
 
 @dataclass(frozen=True)
 class Told:
-    """A message as it is told; `qos` is the publisher's."""
+    """A message to be sent, or received; `qos` is the publisher's."""
 
     topic: str
     payload: bytes
@@ -28,7 +28,7 @@ class Told:
 
 
 def pack(told: Told, ids: TopicIds) -> bytes:
-    """A message as it stands in the stream."""
+    """Encode a message for the stream."""
     topic_id = ids.id_of(told.topic)
     name = told.topic.encode() if topic_id is None else b""
     flags = _RETAIN * told.retain | _QOS * (told.qos > 0)
@@ -36,14 +36,14 @@ def pack(told: Told, ids: TopicIds) -> bytes:
 
 
 class Unpacker:
-    """Takes the stream piece by piece."""
+    """Decodes the stream piece by piece."""
 
     def __init__(self, ids: TopicIds) -> None:
         self._ids = ids
         self._came = b""
 
     def take(self, piece: bytes) -> list[Told]:
-        """The messages that end in this piece; raises ValueError for what is no stream of messages, which then ends."""
+        """The messages that end in this piece; raises ValueError if the stream is malformed, which ends it."""
         came, at, self._came = self._came + piece, 0, b""
         found: list[Told] = []
         while len(came) - at >= _HEAD.size:

@@ -1,6 +1,6 @@
-"""The predefined topic ids of the air leg, which both ends know, and how each topic travels there.
+"""The predefined topic ids of the air leg, known to both ends, and how each topic travels there (R20.3, R20.4).
 
-A drone's topic has the drone's number in the upper byte, and below it the state's code, or a number of `_OF_NAME`.
+The id of a drone's topic has the drone's number in its upper byte, and a number from `_OF_NAME` in its lower byte.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ....protocol.topic_table import FOG_NODES, FOG_SIDE, UAV
 from ....protocol.topics import REVOKED, DroneTopic, FogSide
 
 TOGETHER = 1
-"""No topic: messages that leave together, or in pieces (`together`)."""
+"""Not a topic: the stream of messages that are sent together, or in pieces (`together`)."""
 _REVOKED = 2
 _RESULTS = 64
 _MALFORMED = "malformed"
@@ -35,12 +35,12 @@ _OF_NAME = {
         )
     },
 }
-"""What stands behind `droneY/`, by the lower byte of its id."""
+"""The lower byte of the id, by the part of the topic after `droneY/`."""
 _NAME_OF = {low: name for name, low in _OF_NAME.items()}
 
 
 def _kinds(is_sender: bool) -> frozenset[str]:
-    """The kinds of topics (`DroneTopic.kind`) that a UAV client says, or hears: its own retained ones too (R9.1)."""
+    """The kinds of topics (`DroneTopic.kind`) that a UAV client publishes or receives, its own retained too (R9.1)."""
     rows = [row for row in FOG_SIDE if row.topic != REVOKED]
     said = {row for row in rows if row.sender in (UAV, FOG_NODES)}
     found = said if is_sender else {row for row in rows if row.receiver in (UAV, FOG_NODES) or row.retained}
@@ -51,7 +51,7 @@ _SAID, _HEARD = _kinds(True), _kinds(False)
 
 
 class Travel(Enum):
-    """How a topic's messages travel: at QoS 0; so, and once more at QoS 1 unless a newer one follows; or at QoS 1."""
+    """How messages travel (R20.4): at QoS 0; at QoS 0 and, unless a newer one follows, again at QoS 1; at QoS 1."""
 
     ONCE = 0
     NEWEST = 1
@@ -60,12 +60,12 @@ class Travel(Enum):
 
 @dataclass(frozen=True)
 class TopicIds:
-    """The topics of the fog side, below `root`, as the air leg has them."""
+    """The fog side's topics below `root`, and their ids on the air leg."""
 
     root: str = ""
 
     def id_of(self, topic: str) -> int | None:
-        """The predefined id of a topic; None where it has none."""
+        """The predefined id of a topic; None if it has none."""
         below = topic.removeprefix(self.root)
         if self.is_list(topic):
             return _REVOKED
@@ -76,7 +76,7 @@ class TopicIds:
         return int(level.removeprefix("drone")) << 8 | low
 
     def topic_of(self, topic_id: int) -> str | None:
-        """The topic of a predefined id; None where there is none."""
+        """The topic of a predefined id; None for an unknown id."""
         if topic_id == _REVOKED:
             return self.root + REVOKED
         drone, name = topic_id >> 8, _NAME_OF.get(topic_id & 0xFF)
@@ -92,25 +92,25 @@ class TopicIds:
         return Travel.ONCE if found.kind in ("bulk", "bulk_answer") else Travel.SURELY
 
     def drone_of(self, topic: str) -> int | None:
-        """The drone that a topic is about; None for the revocation list, and for what is no topic of this side."""
+        """The drone of a topic; None for the revocation list, and for a topic that this side does not have."""
         found = self._parsed(topic)
         return found.drone if found is not None else None
 
     def is_list(self, topic: str) -> bool:
-        """Whether it is the topic of the revocation list, which every node hears."""
+        """Whether it is the topic of the revocation list, to which every node subscribes."""
         return topic == self.root + REVOKED
 
     def is_birth(self, topic: str) -> bool:
-        """Whether it is the topic of a drone's births and wills, which the drone hears too."""
+        """Whether it is the topic of a drone's births and wills, to which the drone itself subscribes too."""
         found = self._parsed(topic)
         return found is not None and found.kind == "reachable"
 
     def may_say(self, drone: int | None, topic: str) -> bool:
-        """Whether a UAV client of `drone` publishes a topic."""
+        """Whether a UAV client of `drone` may publish on a topic."""
         return self._may(_SAID, drone, topic)
 
     def may_hear(self, drone: int | None, topic: str) -> bool:
-        """Whether a UAV client of `drone` subscribes to a topic; to filters with wildcards it does not."""
+        """Whether a UAV client of `drone` may subscribe to a topic; filters with wildcards are not allowed."""
         return self._may(_HEARD, drone, topic)
 
     def _may(self, kinds: frozenset[str], drone: int | None, topic: str) -> bool:
@@ -128,5 +128,5 @@ class TopicIds:
 
 @lru_cache(maxsize=8192)
 def _parsed(root: str, topic: str) -> DroneTopic | None:
-    """Only what is a topic is kept. Raises PayloadError."""
+    """Parse a topic; only valid ones are cached. Raises PayloadError."""
     return FogSide(root).parse(topic)
