@@ -1,4 +1,4 @@
-// Commands: to whom, their parameters, what was sent and every word about it.
+// Commands: their addressees and parameters, the sent ones and every word about them.
 
 import { byId, el, hasNumber, named, numberIn, seconds, setText } from "./dom.js";
 import { holder } from "./fleet.js";
@@ -10,7 +10,7 @@ const ONE_ALONE = "; Go to takes one drone";
 const GOOD = ["accepted", "in_progress", "completed", "choice"];
 const MOST_NAMED = 8;
 const KEYS = { h: "hold", l: "land", r: "return" };
-const SAFETY = Object.values(KEYS); // in sight wherever one is
+const SAFETY = Object.values(KEYS); // always in sight
 
 export class Commands {
   constructor(page) {
@@ -25,7 +25,7 @@ export class Commands {
 
   build({ commands, ttl_s, longest_ttl_s }) {
     const offered = JSON.stringify([commands, ttl_s, longest_ttl_s]);
-    if (offered === this.offered) return; // the program is back: what was typed stays, and the focus
+    if (offered === this.offered) return; // the program is back: typed text and focus stay
     this.offered = offered;
     this.catalogue = commands;
     byId("ttl").value = ttl_s;
@@ -47,7 +47,7 @@ export class Commands {
       const input = el("input", {
         ...{ id, type: "text", name: parameter.name, autocomplete: "off", value: parameter.default },
         ...{ "data-low": parameter.low, "data-high": parameter.high },
-        inputmode: parameter.low < 0 ? "text" : "decimal", // a phone's keys for decimals have no minus
+        inputmode: parameter.low < 0 ? "text" : "decimal", // a phone's decimal keypad has no minus
       });
       const unit = `${parameter.unit}, ${parameter.low} to ${parameter.high}`;
       return el("p", { class: "field" }, el("label", { for: id }, parameter.label), input, el("span", {}, unit));
@@ -64,7 +64,7 @@ export class Commands {
       this.showPlace();
     });
     form.addEventListener("keydown", (event) => {
-      if (event.key === "Enter" && button.disabled) this.send(name); // a browser does nothing then, and says nothing
+      if (event.key === "Enter" && button.disabled) this.send(name); // else the browser ignores the key silently
     });
     form.addEventListener("change", () => this.page.findPlace());
     form.addEventListener("paste", (event) => this.onPaste(event));
@@ -74,7 +74,7 @@ export class Commands {
 
   showTargets() {
     const fogs = this.page.fogs.map((fog) => fog.fog).join();
-    if (fogs === this.shownFogs) return; // a new button would not have the focus
+    if (fogs === this.shownFogs) return; // new buttons would lose the focus
     this.shownFogs = fogs;
     const choices = [["selected", "the selected drones"]];
     for (const fog of this.page.fogs) choices.push([`fog-${fog.fog}`, `all drones of fog ${fog.fog}`]);
@@ -124,7 +124,7 @@ export class Commands {
     if (this.page.said === this.refusal) this.page.say("");
   }
 
-  // Who controls those of whom To names that this station does not control: they would refuse.
+  // The holders of addressed drones that this station does not control: those drones would refuse.
   showHolders() {
     const to = this.to();
     const isMeant = this.target === "selected"
@@ -142,7 +142,7 @@ export class Commands {
     setText(byId("holders"), texts.length > 0 ? `${texts.join(", ")}${advice}` : "");
   }
 
-  // Why a command is not for whom To names; null where it is.
+  // Why a command cannot go to the chosen addressees; null if it can.
   whyNot(name) {
     const to = this.to();
     const { each, best } = this.catalogue[name];
@@ -180,13 +180,13 @@ export class Commands {
     this.showPlace();
   }
 
-  // Of a place that has none yet, also where the drone is selected after the place.
+  // Fill in the height of a place that has none, also if the drone is selected after the place.
   fillHeight() {
     const input = byId("goto-altitude_m");
     if (input.value === "" && byId("goto-latitude_deg").value !== "") input.value = this.likelyHeight();
   }
 
-  // Of the one drone that is selected: where it is in the air, as high as it is, and before that, as it will take off.
+  // The likely height for the one selected drone: its present height in the air, its takeoff height before.
   likelyHeight() {
     if (this.page.selected.size !== 1) return "";
     const { landed_state, location } = this.page.drones.get([...this.page.selected][0]).states;
@@ -202,7 +202,7 @@ export class Commands {
     this.showDistance();
   }
 
-  // The place's name, and how far it is from the drone: two numbers that changed places are found by it.
+  // The place's name and its distance from the drone, which reveals swapped numbers.
   showDistance() {
     const [key] = this.page.selected.size === 1 && this.target === "selected" ? this.page.selected : [];
     const drone = this.page.drones.get(key);
@@ -216,7 +216,7 @@ export class Commands {
     setText(byId("map-place"), [name ?? "the place", far].filter(Boolean).join(", "));
   }
 
-  // A place as maps give it, both numbers in one: it fills in both fields.
+  // A pasted pair of numbers, as maps copy a place, fills in both fields.
   onPaste(event) {
     const pasted = TWO_NUMBERS.exec(event.clipboardData.getData("text"));
     if (pasted === null || !event.target.name.endsWith("_deg")) return;
@@ -244,7 +244,7 @@ export class Commands {
     this.showNewest();
   }
 
-  // Beside the buttons: the newest command with its words, where several drones have said one how many, and why not.
+  // Beside the buttons: the newest command with its words, how many drones gave each, and the reason of a failure.
   showNewest() {
     const { order } = this.orders.get(Math.max(...this.orders.keys()));
     const counts = new Map();
@@ -276,7 +276,7 @@ export class Commands {
       .map((order) => order.goal);
   }
 
-  // The way of the newest upload that went through.
+  // The path of the newest upload that was completed.
   path() {
     const uploads = [...this.orders.values()].map(({ order }) => order).filter((order) => order.path !== null);
     return uploads.findLast((order) => order.words.some((word) => word.word === "completed"))?.path ?? [];

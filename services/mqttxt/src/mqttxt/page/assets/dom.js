@@ -1,4 +1,4 @@
-// Elements without markup: texts of others are only ever text.
+// Elements without markup: texts from elsewhere are never more than text.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -21,13 +21,13 @@ export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-// A number as it is shown: what rounds to nothing has no sign.
+// A number for display: one that rounds to zero has no sign.
 export const fixed = (value, digits) => (Math.round(value * 10 ** digits) === 0 ? 0 : value).toFixed(digits);
 
-// The number in a field, NaN where it is none. A browser's own field for numbers drops a comma: 1,5 becomes 15.
+// The number in a field, NaN if it has none. A browser's own number field drops a comma: 1,5 becomes 15.
 export const numberIn = (input) => (/^[-+]?(\d+\.?\d*|\.\d+)$/.test(input.value.trim()) ? Number(input.value) : NaN);
 
-// Whether a field has a number within its limits; the browser says what was expected where it has not.
+// Whether a field has a number within its limits; if not, the browser shows the expectation.
 export function hasNumber(input) {
   const [low, high] = [Number(input.dataset.low), Number(input.dataset.high)];
   const value = numberIn(input);
@@ -36,13 +36,13 @@ export function hasNumber(input) {
   return input.reportValidity();
 }
 
-// A fog's name has its fleet where there are several, as acme/1; so a key is one drone's alone.
+// Among several fleets a fog's name includes its fleet, such as acme/1, so a key is unique.
 export const keyOf = (drone) => `${drone.fog}/${drone.drone}`;
 
-// A number, with its fleet where there are several.
+// A number, with its fleet if there are several.
 export const named = (fleet, number) => (fleet ? `${fleet}/${number}` : `${number}`);
 
-// A state's age now: as it was when it was sent, and the time since.
+// A state's age now: its age when it was sent, and the time since.
 export function ageMs(drone, state) {
   return state.age_ms === null ? null : state.age_ms + performance.now() - drone.at;
 }

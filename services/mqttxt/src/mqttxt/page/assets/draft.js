@@ -1,10 +1,10 @@
-// A mission that is drawn: waypoints on the map and in a table, undone step by step, and the .plan file of it.
+// The mission editor: waypoints on the map and in a table, undo step by step, and the .plan file.
 
 import { byId, el, hasNumber, numberIn, setText } from "./dom.js";
 
 const [WAYPOINT, RETURN, TAKEOFF] = [16, 20, 22]; // MAV_CMDs
 const [WITHOUT_PLACE, ABOVE_HOME] = [2, 3]; // MAV_FRAMEs
-const [PX4, MULTICOPTER] = [12, 2]; // MAV_AUTOPILOT and MAV_TYPE that QGroundControl plans with by itself
+const [PX4, MULTICOPTER] = [12, 2]; // QGroundControl's default MAV_AUTOPILOT and MAV_TYPE
 const [STEP_M, LONG_STEP_M] = [1, 10];
 const WAYS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowRight: [1, 0], ArrowLeft: [-1, 0] };
 const DIGITS = { latitude_deg: 7, longitude_deg: 7, altitude_m: 1 };
@@ -58,7 +58,7 @@ export class Draft {
     this.rows.at(-1)?.move.focus();
   }
 
-  // Another place or height of one; what is dragged further is one step to undo.
+  // Change the place or height of a waypoint; one drag is one step to undo.
   alter(index, values, isNew = true) {
     const waypoints = this.waypoints.with(index, { ...this.waypoints[index], ...values });
     if (isNew) this.change(waypoints);
@@ -92,7 +92,7 @@ export class Draft {
     this.show();
   }
 
-  // The mission of a file, in the place of what was drawn; undoing brings that back.
+  // Replace the drawn mission by a file's; undo brings it back.
   load(mission) {
     this.past.push(this.drawn);
     this.drawn = mission;
@@ -190,14 +190,14 @@ export class Draft {
     };
   }
 
-  // Without geofence and rally points: those that the drone has stay.
+  // Without geofence and rally points, so that the drone keeps those that it has.
   upload() {
     if (!this.isRight) return;
     const text = JSON.stringify({ fileType: "Plan", version: 1, mission: this.mission() });
     this.page.ask("upload", { name: NAME, text, to: this.page.commands.selected() });
   }
 
-  // A file of QGroundControl has all three parts.
+  // A file for QGroundControl has all three parts.
   save() {
     if (!this.isRight) return;
     const document = {

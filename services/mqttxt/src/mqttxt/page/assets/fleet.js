@@ -1,4 +1,4 @@
-// The fleet's table: a row per drone, each value with its age. Its roles are named, because page.css lays it out as rows.
+// The fleet's table: a row per drone, each value with its age. Roles are explicit: page.css lays it out as rows.
 
 import { ageMs, byId, el, fixed, keyOf, named, seconds, setText } from "./dom.js";
 
@@ -15,7 +15,7 @@ export function holder(drone, page) {
   return drone.holder === null ? "nobody" : drone.holder;
 }
 
-// Drones stand in this order.
+// The order of the drones.
 const orderOf = ({ fleet, fog, drone }) => [fleet, Number(`${fog}`.split("/").at(-1)), drone];
 
 function isBefore(one, other) {
@@ -47,7 +47,7 @@ export class Fleet {
     setInterval(() => this.tick(), 1000);
   }
 
-  // Whether there are several fleets, which have a column then.
+  // Several fleets get a column of their own.
   begin(hasFleets) {
     document.body.classList.toggle("fleets", hasFleets);
     if (hasFleets) byId("fleet-head").children[1].after(this.fleetHead);
@@ -100,7 +100,7 @@ export class Fleet {
     row.line.classList.toggle("unreachable", !drone.reachable);
   }
 
-  // Those drones as they stand in the table.
+  // These drones in the order of the table.
   inOrder(keys) {
     const drones = [...keys].map((key) => this.page.drones.get(key));
     return drones.sort((one, other) => (isBefore(orderOf(one), orderOf(other)) ? -1 : 1));

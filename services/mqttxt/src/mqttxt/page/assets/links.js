@@ -1,4 +1,4 @@
-// Links of a testbed: what each carries, how it is, and sliders that change it.
+// Links of a testbed: the traffic and state of each, and sliders that change it.
 
 import { byId, el, setText } from "./dom.js";
 
@@ -30,7 +30,7 @@ export class Links {
     setText(byId("links-title"), `Links, as ${title} uses them`);
   }
 
-  // Directions come one by one; a row is a link.
+  // Each entry is one direction; a row is a link.
   update(directions) {
     const links = new Map();
     for (const figures of directions) {
@@ -81,7 +81,7 @@ export class Links {
     return row;
   }
 
-  // As the link is, so that a slider begins there.
+  // Set the sliders to the link's present figures.
   set(row, figures) {
     row.delay.value = figures.delay_ms;
     row.loss.value = figures.loss * 100;

@@ -1,4 +1,4 @@
-// The log: the newest entries that contain what is searched for; the server exports all that it has.
+// The log: the newest entries that match the search; the server exports all of its entries.
 
 import { byId, el } from "./dom.js";
 
@@ -7,7 +7,7 @@ const SHOWN = 200;
 
 const two = (number) => `${number}`.padStart(2, "0");
 
-// In the time of whoever looks at the page; the export has UTC.
+// The browser's local time; the export has UTC.
 function localTime(iso) {
   const time = new Date(iso);
   const parts = [time.getHours(), time.getMinutes(), time.getSeconds()].map(two).join(":");

@@ -1,4 +1,4 @@
-// The page: one socket to its server, and the parts that show what comes over it.
+// The page: one socket to its server, and the parts that show its updates.
 
 import { Commands } from "./commands.js";
 import { byId, keyOf, named, setText } from "./dom.js";
@@ -20,12 +20,12 @@ class Page {
     this.selected = new Set();
     this.lost = new Map();
     this.fogs = [];
-    this.names = {}; // of this page's station, by fleet
+    this.names = {}; // the names of this page's station, by fleet
     this.staleMs = Infinity;
     this.place = null;
-    this.found = null; // a place that was typed: the map goes as far
+    this.found = null; // a typed place, which the map includes in its view
     this.asked = 0;
-    this.ahead = -Infinity; // of this page's clock the program's, in ms: at least so much, for updates take their time
+    this.ahead = -Infinity; // of the program's clock over the page's, ms: a lower bound, as updates take time
     this.fleet = new Fleet(this);
     this.places = new Places(this);
     this.map = new FleetMap(this);
@@ -35,7 +35,7 @@ class Page {
     this.plans = new Plans(this);
     this.sensors = new Sensors();
     this.links = new Links(this);
-    const notice = byId("notice"); // what stays in sight above it has to know how high it is
+    const notice = byId("notice"); // its height shifts what is fixed above it
     new ResizeObserver(() => {
       document.documentElement.style.setProperty("--notice", `${notice.offsetHeight}px`);
     }).observe(notice);
@@ -81,7 +81,7 @@ class Page {
 
   begin(hello) {
     const whose = JSON.stringify(hello.prefixes);
-    if (this.whose !== undefined && this.whose !== whose) location.reload(); // drone 1 is another one now
+    if (this.whose !== undefined && this.whose !== whose) location.reload(); // drone 1 is a different drone now
     this.whose = whose;
     this.names = hello.names;
     this.fleet.begin(Object.keys(hello.names).length > 1);
@@ -127,7 +127,7 @@ class Page {
     if (hasChanged) this.showLost();
   }
 
-  // Which drones another station has taken, until they are back.
+  // Show which drones other stations have taken, until they are back.
   showLost() {
     const names = new Map();
     for (const [key, holder] of this.lost) {
@@ -185,7 +185,7 @@ class Page {
     this.plans.path = [];
   }
 
-  // Places that the map shows as long as they are looked at.
+  // The path of a chosen plan file, which the map shows.
   looked() {
     return this.plans.path;
   }
@@ -206,8 +206,8 @@ class Page {
     this.draft.alter(index, place, isNew);
   }
 
-  // The number of the question, undefined where nobody is asked. It says when it was asked, by the program's clock and
-  // never later than that: what is held back on its way has not more time for that.
+  // Send a request; returns its number, undefined without a connection. It carries the time by the program's clock,
+  // never a later one, so that a request that is delayed on its way gains no time.
   ask(what, more) {
     if (this.socket.readyState !== WebSocket.OPEN || this.ahead === -Infinity) {
       this.say("Not sent: the page's program does not answer.");
@@ -223,7 +223,7 @@ class Page {
     if (answer.plan) this.plans.found(answer);
   }
 
-  // The answer to what was asked last; that control is lost stays beside it.
+  // Show the newest answer, beside a notice of lost control.
   say(text) {
     this.said = text;
     this.showNotice();

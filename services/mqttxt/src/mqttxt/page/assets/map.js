@@ -1,7 +1,7 @@
-// The map: metres east and north of the first place that was heard, on a grid, over tiles where there are some.
+// The map: metres east and north of the first known position, on a grid or over tiles.
 //
-// Only what has changed is painted. The plan's way and the drawn mission are in metres, so that a view that moves
-// changes one transform.
+// Only changes are painted. The plan's path and the drawn mission are in metres, so that moving the view changes
+// one transform.
 
 import { byId, keyOf, named, setText, shape } from "./dom.js";
 import { Marks } from "./marks.js";
@@ -13,14 +13,14 @@ const TRAIL = 240;
 const TRAIL_STEP_M = 0.5;
 const LEAST_M = 40;
 const DRAG_PX = 4;
-const KEY_PX = 10; // by which an arrow key moves the view, with Shift ten times that
+const KEY_PX = 10; // an arrow key moves the view by this, with Shift by ten times this
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }; // east and north
 const NEAR_PX = 14;
-const ROOM = 1.3; // the whole picture is this much larger than what it has
+const ROOM = 1.3; // the fitted view is this much larger than its content
 const LEAST_ROOM = 1.05;
 const MOST_ROOM = 1.8;
 
-// On a sphere, as the crow flies.
+// Great-circle distance on a sphere.
 export function metresBetween(one, other) {
   const [from, to] = [one.latitude_deg * RADIANS, other.latitude_deg * RADIANS];
   const east = Math.sin(((other.longitude_deg - one.longitude_deg) * RADIANS) / 2);
@@ -33,7 +33,7 @@ function gridStep(metres) {
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= metres);
 }
 
-// How far two fingers are apart, in pixels; never nothing.
+// The distance of two fingers, in pixels; at least 1.
 function apart(fingers) {
   const [one, other] = [...fingers.values()];
   return Math.max(1, Math.hypot(one.x - other.x, one.y - other.y));
@@ -80,18 +80,18 @@ export class FleetMap {
     this.listen();
     [this.width, this.height] = [this.svg.clientWidth, this.svg.clientHeight];
     new ResizeObserver(([{ contentRect }]) => {
-      [this.width, this.height] = [contentRect.width, contentRect.height]; // to ask in a frame would lay out the page
+      [this.width, this.height] = [contentRect.width, contentRect.height]; // reading it in a frame would force a layout
       this.draw();
     }).observe(this.svg);
   }
 
   listen() {
     let from = null;
-    const down = new Map(); // the fingers, or the mouse, by where they are
+    const down = new Map(); // the positions of the fingers, or of the mouse
     this.svg.addEventListener("pointerdown", (event) => {
       down.set(event.pointerId, this.pixelsOf(event));
       if (down.size > 1) {
-        from = null; // two fingers zoom: that is no click
+        from = null; // two fingers zoom, and do not click
         return;
       }
       const waypoint = this.page.isDrawing() ? this.waypointAt(this.pixelsOf(event)) : -1;
@@ -130,7 +130,7 @@ export class FleetMap {
     this.svg.addEventListener("keydown", (event) => this.onKey(event));
   }
 
-  // Without a mouse: the arrow keys move what is in the middle of the map, Enter is a click there.
+  // Without a mouse: the arrow keys move the view, Enter clicks in its middle.
   onKey(event) {
     if (event.key === "Enter") {
       this.click({ x: this.width / 2, y: this.height / 2 });
@@ -167,7 +167,7 @@ export class FleetMap {
     return this.draftPlaces().findLastIndex((place) => isNear(this.toPixels(place)));
   }
 
-  // What is in the middle of the map, in degrees; null before any drone was heard.
+  // The middle of the map, in degrees; null before the first known position.
   middle() {
     return this.origin === null ? null : this.toDegrees(this.centre);
   }
@@ -245,7 +245,7 @@ export class FleetMap {
     this.draw();
   }
 
-  // The view stays where everything is in it and not too small: a map that follows every metre cannot be read.
+  // The view stays while it contains everything, not too small: a map that moves with every metre cannot be read.
   fit() {
     const places = [...this.seen.values()].flatMap((seen) => [seen.place, seen.home]).filter((place) => place !== null);
     places.push(...this.goalPlaces(), ...this.draftPlaces(), ...this.page.places.near);

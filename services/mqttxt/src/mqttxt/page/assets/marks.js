@@ -1,12 +1,12 @@
-// What changes with every position, on canvases: trails, homes and the drones' numbers. As elements a large fleet's
-// texts would be laid out anew in every frame. A trail is drawn on; it is painted whole where the view has changed.
+// Canvases of what changes with every position: trails, homes and the drones' numbers. As elements a large fleet's
+// texts would be laid out again in every frame. A trail is extended; it is painted whole if the view has changed.
 
 import { byId } from "./dom.js";
 
 const COLOURS = { ink: "--ink", soft: "--soft", accent: "--accent" };
-const WHOLE_MS = 30000; // how long a trail's end stays that is too old
+const WHOLE_MS = 30000; // how long the outdated end of a trail may stay
 const FONT = "13px system-ui, sans-serif";
-const HOME_FONT = "22px system-ui, sans-serif"; // so large that it is seen below a drone that stands there
+const HOME_FONT = "22px system-ui, sans-serif"; // large enough to show around a drone that stands there
 
 export class Marks {
   constructor(map) {
@@ -29,7 +29,7 @@ export class Marks {
     this.colours = Object.fromEntries(named);
   }
 
-  // A canvas as large as the map, in whose pixels is drawn.
+  // Prepare a canvas as large as the map, to draw in the map's pixels.
   begin(canvas, isCleared) {
     const { width, height } = this.map;
     const sharp = devicePixelRatio;

@@ -1,10 +1,10 @@
-// Places that have a name: signs on the map, and a list beside Go to, in which they are found by a part of the name.
-// To choose one only fills in Go to.
+// Named places: signs on the map, and a list beside Go to that is searched by a part of the name. Choosing a place
+// only fills in Go to.
 
 import { byId, el, setText, shape } from "./dom.js";
 
 const MOST_LISTED = 8;
-const NEAR_M = 300; // as far from the map's first place they belong to the whole picture
+const NEAR_M = 300; // places this near to the map's origin belong to the fitted view
 const NEAR_PX = 14;
 const [LETTER_PX, LINE_PX, BELOW_PX] = [7.5, 16, 22]; // of a name below its sign
 
@@ -16,7 +16,7 @@ export class Places {
   constructor(page) {
     this.page = page;
     this.all = [];
-    this.located = []; // with their place on the map
+    this.located = []; // with their positions on the map
     this.near = [];
     this.drawn = [];
     this.buttons = [];
@@ -31,14 +31,14 @@ export class Places {
   }
 
   begin(places) {
-    if (JSON.stringify(places) === JSON.stringify(this.all)) return; // the program is back: what was typed stays
+    if (JSON.stringify(places) === JSON.stringify(this.all)) return; // the program is back: typed text stays
     this.all = places;
     this.locate();
     this.form.hidden = byId("map-places").hidden = places.length === 0;
     this.list();
   }
 
-  // Where they are on the map; nowhere before it knows its own place.
+  // Compute their positions on the map; none before the map has its origin.
   locate() {
     const { map } = this.page;
     this.located = map.origin === null ? [] : this.all.map((place) => ({ ...place, at: map.toPlace(place) }));
@@ -66,7 +66,7 @@ export class Places {
     this.show();
   }
 
-  // Enter in the field: the one place that it names; otherwise nothing is filled in, and it says why.
+  // Enter in the field chooses the one place that it names; otherwise the reason is shown.
   chooseFound() {
     const found = this.found();
     const exact = found.filter(({ name }) => plain(name) === this.wanted);
@@ -85,7 +85,7 @@ export class Places {
     setText(byId("place-found"), text);
   }
 
-  // The name of what Go to has, null where that is another place.
+  // The name of a position, null if no named place is there.
   nameOf(place) {
     return (place !== null && this.all.find((one) => isAt(one, place))?.name) || null;
   }
@@ -98,7 +98,7 @@ export class Places {
     if (this.nameOf(place) === null) this.say("");
   }
 
-  // On the map: each sign that is seen, and its name within the map, where that covers no other one.
+  // Paint each visible sign, with its name inside the map unless that covers another name.
   paint() {
     const { map } = this.page;
     this.isChanged = false;
@@ -123,7 +123,7 @@ export class Places {
     );
   }
 
-  // The place whose sign or name is there.
+  // The place whose sign or name is at a position.
   at({ x, y }) {
     const isOn = (one) =>
       Math.hypot(one.x - x, one.y - y) < NEAR_PX ||

@@ -1,5 +1,5 @@
-// Plans: a file of QGroundControl, shown and, where the editor knows all of it, drawn there too; onto the selected
-// drone; its mission started, and how far it has come.
+// Plans: a QGroundControl file, shown and, if the editor supports all of it, editable; its upload to the selected
+// drone; the start and the progress of its mission.
 
 import { byId, el, named, setText } from "./dom.js";
 
@@ -10,7 +10,7 @@ export class Plans {
     for (const what of ["start", "resume"]) {
       byId(`plan-${what}`).addEventListener("click", () => page.ask(what, { to: page.commands.selected() }));
     }
-    this.path = []; // of a file that is looked at, until something is drawn
+    this.path = []; // of the chosen file, until something is drawn
     byId("plan-file").addEventListener("change", () => this.look());
     this.show();
   }
@@ -23,11 +23,11 @@ export class Plans {
     const [file] = byId("plan-file").files;
     if (file === undefined) return;
     const text = await file.text();
-    if (file !== byId("plan-file").files[0]) return; // another one was chosen meanwhile
+    if (file !== byId("plan-file").files[0]) return; // another file was chosen meanwhile
     this.looked = this.page.ask("look", { name: file.name, text });
   }
 
-  // What the page's program says of the file that was chosen last.
+  // Show the program's answer about the file that was chosen last.
   found({ number, plan }) {
     if (number !== this.looked) return;
     const [name] = [...byId("plan-file").files].map((file) => file.name);

@@ -1,5 +1,5 @@
 // Rankings: the fogs' order of their drones (QoDS), and the newest choices (PSMI) with every figure and reason. Roles
-// are named, because page.css lays a table out as rows where it has no room.
+// are explicit, because page.css lays a table out as rows if there is no room.
 
 import { byId, el, named } from "./dom.js";
 

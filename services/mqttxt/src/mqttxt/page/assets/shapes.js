@@ -1,4 +1,4 @@
-// A vector tile as a picture in the page's colours, areas, ways and buildings, and the names that are written over it.
+// A vector tile as a picture in the page's colours (areas, ways, buildings), and the names to write over it.
 
 import { PbfReader } from "./pbf.js";
 import { VectorTile } from "./vector-tile.js";
@@ -15,7 +15,7 @@ const PAINTED = [
   [["roads", "transportation"], "--road"],
   [["boundaries", "boundary"], "--line"],
 ];
-// Places before points of interest, of which it is also written what they are.
+// Places come before points of interest, which are labelled with their kind too.
 const NAMED = [["places", false], ["place", false], ["pois", true], ["poi", true]];
 const WIDE = new Set(["highway", "major_road", "motorway", "trunk", "primary", "secondary"]);
 
@@ -24,7 +24,7 @@ export function readShapes(bytes) {
   return { picture: paintShapes(layers), names: NAMED.flatMap(([name, isOfInterest]) => named(layers[name], isOfInterest)) };
 }
 
-// Each name with where it is in the tile: 0 to 1, eastward and southward.
+// Each name with its position in the tile: 0 to 1, eastward and southward.
 function named(layer, isOfInterest) {
   const found = [];
   for (let index = 0; index < (layer?.length ?? 0); index += 1) {
@@ -33,7 +33,7 @@ function named(layer, isOfInterest) {
     if (feature.type !== POINT || name === undefined) continue;
     const [[{ x, y }]] = feature.loadGeometry();
     const [across, down] = [x / layer.extent, y / layer.extent];
-    if (Math.min(across, down) < 0 || Math.max(across, down) >= 1) continue; // the tile beside this one has it
+    if (Math.min(across, down) < 0 || Math.max(across, down) >= 1) continue; // it belongs to a neighbouring tile
     const text = isOfInterest && kind !== undefined ? `${name}, ${kind}`.replaceAll("_", " ") : `${name}`;
     found.push({ text: text.slice(0, LONGEST), across, down });
   }

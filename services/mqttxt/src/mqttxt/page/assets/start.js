@@ -1,4 +1,4 @@
-// Within page.html itself: a file that a changing network has cut off is asked for again, with the whole page.
+// Inlined in page.html: reloads the whole page if a changing network has cut off one of its files.
 
 const again = () => setTimeout(() => location.reload(), 1000);
 addEventListener("error", (event) => event.target instanceof HTMLLinkElement && again(), true);

@@ -1,4 +1,4 @@
-// Tiles below the map, where the page's server has some: pictures, or shapes that are painted here.
+// Tiles below the map, if the page's server has some: pictures, or shapes that are painted here.
 
 import { byId, setText, shape } from "./dom.js";
 import { readShapes } from "./shapes.js";
@@ -26,13 +26,13 @@ export class Tiles {
     this.map = map;
     this.canvas = byId("tiles");
     this.offer = null;
-    this.loaded = new Map(); // null: on its way, or there is none
+    this.loaded = new Map(); // null: being loaded, or there is none
     this.names = shape("g", { class: "names" });
     this.isChanged = false;
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.begin(this.offer));
   }
 
-  // What the server has: `lowest` and `highest` zoom, whether it is shapes, and whom it is from; null: nothing.
+  // The server's offer: `lowest` and `highest` zoom, `shapes` or pictures, and `credit`; null: no tiles.
   begin(offer) {
     this.offer = offer;
     this.loaded.clear();
@@ -60,7 +60,7 @@ export class Tiles {
     const across = (eastOf(to.longitude_deg) - eastOf(from.longitude_deg)) * TILE_PX;
     const fitting = Math.round(Math.log2(map.width / across));
     const zoom = Math.max(offer.lowest, Math.min(offer.highest, fitting));
-    if (zoom > fitting + 4) return; // a view this large would need too many of them
+    if (zoom > fitting + 4) return; // a view this large would need too many tiles
     const names = [];
     const last = 2 ** zoom - 1;
     const index = (share) => Math.max(0, Math.min(last, Math.floor(share * 2 ** zoom)));
@@ -77,7 +77,7 @@ export class Tiles {
     this.write(names);
   }
 
-  // The names that are seen whole and do not cover each other, the first ones before the others.
+  // Write the names that are entirely visible and cover no other one; earlier ones take precedence.
   write(names) {
     const taken = [];
     for (const { text, x, y } of names) {
@@ -99,7 +99,7 @@ export class Tiles {
     context.drawImage(picture, left, top, Math.round(to.x) - left, Math.round(to.y) - top);
   }
 
-  // A tile's picture and names; null where it is on its way, and later where there is none.
+  // A tile's picture and names; null while it is loaded, or if there is none.
   tile(zoom, x, y) {
     const name = `tiles/${zoom}/${x}/${y}`;
     const known = this.loaded.get(name);
@@ -116,7 +116,7 @@ export class Tiles {
       answer = await fetch(name);
       body = await answer.blob();
     } catch {
-      this.loaded.delete(name); // the network was cut off: whoever draws next asks again
+      this.loaded.delete(name); // the network was cut off: the next drawing requests it again
       return;
     }
     if (answer.status !== 200) return;
