@@ -105,8 +105,9 @@ class Session:
     def send(self, data: bytes) -> None:
         self._writer.write(data)
 
-    def acknowledge(self, mid: int) -> None:
-        self.send(b"\x40\x02" + struct.pack("!H", mid))
+    def acknowledge(self, mid: int, code: int = 0) -> None:
+        """Send the PUBACK of a message, with a reason code."""
+        self.send(b"\x40\x03" + struct.pack("!HB", mid, code))
 
     def end(self) -> None:
         self._writer.close()

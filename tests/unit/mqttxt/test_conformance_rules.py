@@ -9,7 +9,7 @@ import cbor2
 import pytest
 
 from mqttxt.errors import PayloadError
-from mqttxt.protocol.bulk import BulkAnswer, Refused
+from mqttxt.protocol.bulk import ANSWER, BulkAnswer, Refused
 from mqttxt.protocol.bundles import drone_bundle
 from mqttxt.protocol.codec import decode, encode, layout_of
 from mqttxt.protocol.commands import COMMANDS, Takeoff
@@ -78,6 +78,7 @@ def test_the_kit_knows_every_state_and_command() -> None:
     }
     assert shape_fields.COMMANDS[1:] == tuple(COMMANDS)
     assert shape_fields.WORDS[1:] == tuple(word.label for word in Word)
+    assert shape_fields.ANSWERS[1:] == tuple(name for _, name, _ in ANSWER.codes)
 
 
 @pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])
@@ -103,7 +104,10 @@ def test_the_hash_of_a_state_may_be_absent(mission: bytes | None, encoding: Enco
     }
 
 
-@pytest.mark.parametrize("payload", [b"{}", cbor2.dumps([1]), cbor2.dumps([1, [[99, 1]]]), cbor2.dumps([1, [5]])])
+@pytest.mark.parametrize(
+    "payload",
+    [b"{}", cbor2.dumps([1]), cbor2.dumps([1, [[99, 1]]]), cbor2.dumps([1, [5]]), cbor2.dumps([1, [[-1, 1]]])],
+)
 def test_a_bundle_that_is_none_is_broken(payload: bytes) -> None:
     with pytest.raises(Broken):
         shapes.unbundled(payload)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 
 from mqttxt.core.address import BrokerAddress
@@ -20,4 +22,16 @@ async def test_a_broker_that_acknowledges_nothing_holds_up_no_kit(monkeypatch: p
         assert await tap.publish("drone1/reachable", b"up", retain=True) == NO_PUBACK
         await clear_retained(tap, ["drone1/reachable", "drone2/reachable"])
         await eventually(lambda: len(server.sessions[0].of(PUBLISH)) == 3, "all three")
+        await tap.close()
+
+
+async def test_an_unspecified_error_is_no_missing_puback() -> None:
+    async with Server(acknowledges=False) as server:
+        tap = Tap(BrokerAddress("127.0.0.1", server.port), "kit", SessionClock())
+        await tap.connect("--broker")
+        publishing = asyncio.ensure_future(tap.publish("drone1/reachable", b"up"))
+        await eventually(lambda: server.sessions[0].of(PUBLISH), "it is published")
+        (packet,) = server.sessions[0].of(PUBLISH)
+        server.sessions[0].acknowledge(packet.publish()[3], code=0x80)
+        assert await publishing == 0x80
         await tap.close()

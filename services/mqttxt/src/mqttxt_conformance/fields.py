@@ -20,7 +20,7 @@ WORDS = (
     "unreachable",
     "unconfirmed",
 )
-ANSWERS = ("", "have", "piece", "refused", "unchanged")
+ANSWERS = ("", "have", "piece", "refused", "unchanged", "making")
 FIRST_WORDS = ("accepted", "in_progress")
 CONTROLS = ("none", "want", "take")
 COMMANDS = (

@@ -41,7 +41,7 @@ async def play(kit: GsKit) -> None:
 
 
 def _say_nonsense(kit: GsKit) -> None:
-    for topic in (kit.topics.clock, kit.topics.drone_result(kit.drone, "arm"), kit.topics.drone_state(1, "x")):
+    for topic in (kit.topics.clock, kit.topics.drone_result(kit.drone, "arm"), kit.topics.drone_state(kit.drone, "x")):
         for payload in (b"{", b"\xff\xff", b"\x81\x01", b""):
             kit.tap.publish(topic, payload, as_it_is=True)
 

@@ -46,7 +46,7 @@ def read_state(name: str, payload: bytes, relayed: bool) -> dict[str, Any]:
 
 def unbundled(payload: bytes) -> list[tuple[str, bytes]]:
     """The name of each state in a drone's bundle, and its payload as on its own topic; raises Broken."""
-    raw, known = plain(payload), ["", *STATES]
+    raw, known = plain(payload), dict(enumerate(STATES, start=1))
     try:
         if isinstance(raw, dict):
             rows = [(str(row["state"]), {k: v for k, v in row.items() if k != "state"}) for row in raw["states"]]

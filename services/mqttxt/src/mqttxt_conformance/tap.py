@@ -24,7 +24,8 @@ from mqttxt.security.identity import Identity
 
 CONNECT_S = 5.0
 NOBODY_SUBSCRIBED = 0x10
-NO_PUBACK = 0x80
+NO_PUBACK = 0x100
+"""Stands for a PUBACK that did not arrive; no reason code of one byte."""
 PUBACK_S = 5.0
 
 

@@ -39,7 +39,8 @@ def rules(signed: bool = True) -> list[Rule]:
     """Every rule of a UAV client in the order in which it is checked; those of section 12 where messages are signed."""
     found = [rule for rule in RULES["uav"] if signed or rule.check.__module__ != uav_signed.__name__]
     ending = [rule for rule in found if rule.check in ENDING]
-    watched = [rule for rule in found if rule.check.__module__ == WATCHED or rule.check in LAST_WATCHED]
+    watched = [rule for rule in found if rule.check.__module__ == WATCHED]
+    watched += [rule for rule in found if rule.check in LAST_WATCHED]
     return [rule for rule in found if rule not in ending and rule not in watched] + watched + ending
 
 
