@@ -20,6 +20,10 @@ from tests.rigs.lossy_air import HEADERS, UP
 from tests.rigs.processes import eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+AIR = pytest.mark.soak(
+    "services/mqttxt/src/mqttxt/core/mqtt/sn", "services/mqttxt/src/mqttxt/activator", "tests/rigs/air.py"
+)
+"""One flight over a lossy air and one cut stand for all, unless the air or its activator has changed."""
 
 MAVLINK_FRAME = 69
 """Bytes that a frame of MAVLink has: no state is to be longer with IPv4's and UDP's headers."""
@@ -34,7 +38,7 @@ async def up_and_down(system: AirSystem, drone: Drone) -> None:
     assert system.commanded(ARM) == before + 2
 
 
-@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize("signed", [pytest.param(False, marks=AIR), True])
 async def test_a_flight_over_an_air_that_loses_repeats_and_reorders(tmp_path: Path, signed: bool) -> None:
     system = AirSystem(tmp_path, signed=signed)
     async with system.flying() as (_, drone):
@@ -83,6 +87,7 @@ def shown(folder: Path, datagrams: list[bytes]) -> list[int]:
     return found
 
 
+@AIR
 async def test_a_drone_whose_nat_forgets_it_is_back_and_executes_once(tmp_path: Path) -> None:
     system = AirSystem(tmp_path)
     async with system.flying() as (_, drone):
@@ -93,6 +98,7 @@ async def test_a_drone_whose_nat_forgets_it_is_back_and_executes_once(tmp_path: 
             await up_and_down(system, drone)
 
 
+@AIR
 async def test_a_drone_or_an_activator_that_is_killed_is_back(tmp_path: Path) -> None:
     system = AirSystem(tmp_path)
     async with system.flying() as (_, drone):

@@ -75,7 +75,7 @@ async def test_what_nodes_do_not_share_is_found_by_its_rule(rule: str, mosquitto
     assert found.verdict is Verdict.FAIL, found.evidence
 
 
-@pytest.mark.parametrize(("side", "code"), [("cloud", 0), ("fog", 1)])
+@pytest.mark.parametrize(("side", "code"), [pytest.param("cloud", 0, marks=SOAK), ("fog", 1)])
 async def test_what_a_side_needs_decides(side: str, code: int, mosquitto: Broker) -> None:
     """A broker that shows nothing retained by wildcard serves as the cloud's, and not as a fog's."""
     async with FaultyBroker(mosquitto.port, FAULTS["shows-retained-by-wildcard"]) as faulty:

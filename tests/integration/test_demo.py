@@ -26,6 +26,7 @@ from tests.tools.programs import chromium
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400)]
 PARTS = pytest.mark.soak("services/mqttxt/src/mqttxt/demo", "tests/rigs/demonstration.py")
 """One flight, and one part that is killed, stand for all, unless the demo itself has changed."""
+PLACES_SHOWN = pytest.mark.soak("services/mqttxt/src/mqttxt/demo", "services/mqttxt/src/mqttxt/page")
 ELSEWHERE = pytest.mark.soak(
     *(f"services/{part}/{what}" for part in ("mqttxt", "sitl") for what in ("src", "pyproject.toml")),
     *(f"tests/rigs/{rig}" for rig in ("as_macos", "demonstration.py", "installed.py")),
@@ -100,6 +101,7 @@ def test_its_page_is_opened_and_flies_and_typed_lines_take_over_from_it(demo: De
     assert demo.wait() == 0, "though the browser that it opened runs on"
 
 
+@PLACES_SHOWN
 @pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it")
 def test_drone_2_flies_to_the_church_and_everybody_gets_down(demo: Demonstration, tmp_path: Path) -> None:
     tiles = pmtiles(tmp_path / "a.pmtiles", png((1, 2, 3)), TileType.PNG, *PLACES["Church"])
@@ -126,7 +128,10 @@ def test_drone_2_flies_to_the_church_and_everybody_gets_down(demo: Demonstration
         assert browser.said == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["SIGTERM", "a closed terminal"])
+@pytest.mark.parametrize(
+    "number",
+    [pytest.param(signal.SIGTERM, id="SIGTERM"), pytest.param(signal.SIGHUP, id="a closed terminal", marks=PARTS)],
+)
 def test_a_signal_while_it_starts_ends_it_clean(demo: Demonstration, number: signal.Signals) -> None:
     demo.start("--verbose")
     demo.wait_for("the activator: ")
@@ -169,6 +174,7 @@ def test_a_part_that_ends_while_the_rig_ends_what_is_left_is_no_error(
     demo.close()
 
 
+@ELSEWHERE
 def test_a_station_without_what_linux_has_flies_and_the_parts_of_a_killed_demo_end(demo: Demonstration) -> None:
     demo.start()
     demo.wait_for(READY)

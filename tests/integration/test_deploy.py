@@ -174,6 +174,7 @@ def cloud(tmp_path: Path) -> Iterator[Cloud]:
         found.compose("down", "--timeout", "3")
 
 
+@pytest.mark.soak("deploy", "services/mqttxt/src/mqttxt/security", "services/mqttxt/src/mqttxt/cli/keys.py")
 async def test_the_cloud_starts_with_its_identity_and_takes_who_was_issued_since(cloud: Cloud, tmp_path: Path) -> None:
     url = f"mqtts://localhost:{cloud.port}"
     fog = SecureBroker(cloud.acme, "broker-fog1").start()

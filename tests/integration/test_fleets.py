@@ -49,6 +49,7 @@ async def test_a_command_and_a_broadcast_reach_the_drones_of_their_own_fleet_alo
         assert (await fleets.drone(drone).send(Disarm())).completed
 
 
+@pytest.mark.soak("services/mqttxt/src/mqttxt/activator", "services/mqttxt/src/mqttxt/station")
 async def test_the_first_of_all_fleets_is_sent_and_nobody_of_the_other(two: TwoFleets, fleets: Fleets) -> None:
     before = two.acme.flown(1), two.acme.flown(2)
     flier = fleets.drone("acme/eu/2")

@@ -18,11 +18,14 @@ from tests.rigs.secure import WITNESS, Node, SecureBroker
 from tests.rigs.secure_system import SecureSystem
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+OTHERS = pytest.mark.soak("services/mqttxt/src/mqttxt/core", "services/mqttxt/src/mqttxt/activator")
 
 COMMANDS = 10
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", ["commands", *(pytest.param(kind, marks=OTHERS) for kind in KINDS if kind != "commands")]
+)
 async def test_a_station_that_floods_stops_nobody(tmp_path: Path, kind: str) -> None:
     system = SecureSystem(tmp_path, signed=True)
     eve = system.acme.issue("gs-eve", Rights(frozenset({1}), observe=True))

@@ -23,6 +23,8 @@ from tests.rigs.mavproxy import MavProxy
 from tests.rigs.processes import Process, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+GATEWAY = pytest.mark.soak("services/mqttxt/src/mqttxt/gateway", "services/mqttxt/src/mqttxt/station")
+"""One flight of MAVSDK and one of MAVProxy stand for all, unless gateway or station has changed."""
 M_PER_DEGREE = 111_195
 NAN = math.nan
 
@@ -63,6 +65,7 @@ async def test_mavsdk_sees_the_drones_as_they_are_and_flies_one(ground: Ground, 
     other.close()
 
 
+@GATEWAY
 async def test_mavsdk_gets_what_only_the_drone_has_and_a_definite_no(ground: Ground, mavsdk: Mavsdk) -> None:
     flight = Flight((await systems(mavsdk))[1])
     await eventually(flight.telemetry.health, lambda health: health.is_armable)
@@ -130,6 +133,7 @@ def test_what_a_ground_station_asks_when_it_connects_is_answered_at_once(client:
     client.text("sticks do not pass")
 
 
+@GATEWAY
 def test_a_takeoff_before_arming_flies_once_the_client_arms(ground: Ground, client: Client) -> None:
     home = client.until(lambda message: message.get_type() == "HOME_POSITION", "home")
     assert client.command(22, -1, 0, 0, NAN, NAN, NAN, home.altitude / 1000 + 5) == 0
@@ -186,6 +190,7 @@ def test_a_drone_with_the_id_of_a_client_is_refused_by_name(ground: Ground, clie
     twin.close()
 
 
+@GATEWAY
 def test_heartbeats_stop_when_the_drone_is_silent_and_come_back(ground: Ground, client: Client) -> None:
     ground.uavs[1].stall()
     stalled_s = time.monotonic()

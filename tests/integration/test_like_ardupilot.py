@@ -14,6 +14,9 @@ from tests.rigs.commanding import armable, fly, start
 from tests.rigs.processes import System, eventually
 
 pytestmark = pytest.mark.integration
+FLIGHTS = pytest.mark.soak(
+    "services/mqttxt/src/mqttxt/drone", "services/sitl/src/sitl/ardupilot", "services/sitl/src/sitl/px4"
+)
 
 HOME = (47.397742, 8.545594)
 ON_GROUND = LandedState(Landed.ON_GROUND)
@@ -46,7 +49,7 @@ def _state(system: System) -> dict[str, Any]:
     return system.control(1, {"get": "state"})
 
 
-@pytest.mark.soak("services/mqttxt/src/mqttxt/drone", "services/sitl/src/sitl/ardupilot", "services/sitl/src/sitl/px4")
+@FLIGHTS
 async def test_every_command_is_flown_and_it_flies_again_after_a_landing(system: System, drone: Drone) -> None:
     await fly(drone, Arm(), Takeoff(10.0))
     assert abs(_state(system)["altitude_m"] - 10) < 1
@@ -65,6 +68,7 @@ async def test_a_velocity_is_flown_for_its_duration_and_then_held(system: System
     assert 10 < (_state(system)["latitude_deg"] - before) * 111_195 < 25
 
 
+@FLIGHTS
 async def test_without_its_client_a_velocity_ends_by_itself(system: System, drone: Drone) -> None:
     """GUID_TIMEOUT: three seconds after the last set-point it stands."""
     await fly(drone, Arm(), Takeoff(10.0))

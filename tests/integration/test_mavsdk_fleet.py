@@ -191,6 +191,7 @@ async def test_scenario_1_through_a_chain_of_routers_for_each_drone(sky: Sky, mo
     assert [fleet.status(drone).armed for drone in ports] == [False, False]
 
 
+@OTHERS
 async def test_vehicles_share_a_connection_and_another_altitude_is_set_before_the_takeoff(sky: Sky) -> None:
     port = free_port(socket.SOCK_DGRAM)
     for drone in (1, 2):
@@ -234,6 +235,7 @@ async def test_a_denied_arm_is_one_drones_result(sky: Sky) -> None:
     assert await fleet.arm() == [Result(1, "denied", "autopilot"), *_completed(2)]
 
 
+@OTHERS
 async def test_a_router_that_dies_while_a_takeoff_is_flown(sky: Sky) -> None:
     ports = _ports(1, 2)
     sky.fly(1, ports[1])
@@ -250,6 +252,7 @@ async def test_a_router_that_dies_while_a_takeoff_is_flown(sky: Sky) -> None:
         await steps.hold(60)
 
 
+@OTHERS
 async def test_a_vehicle_that_freezes_leaves_its_command_unconfirmed_and_keeps_its_streams(sky: Sky) -> None:
     ports = _ports(1, 2)
     for drone, port in ports.items():

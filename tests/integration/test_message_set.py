@@ -136,6 +136,7 @@ async def test_a_call_that_is_not_acknowledged_is_counted_over_mqttxt(tmp_path: 
     _assert_only_landing_failed(tmp_path, reason, "unconfirmed", "no_ack")
 
 
+@OTHERS
 @pytest.mark.parametrize("streams", ["five-states"])
 async def test_a_call_that_is_not_acknowledged_is_counted_over_mavlink(
     streams: str, tmp_path: Path, autopilot: int

@@ -14,6 +14,7 @@ from tests.rigs.commanding import follow
 from tests.rigs.processes import System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+DRONE = pytest.mark.soak("services/mqttxt/src/mqttxt/drone", "services/mqttxt/src/mqttxt/activator")
 
 
 @pytest.fixture
@@ -54,6 +55,7 @@ async def test_a_velocity_is_flown_for_its_duration_and_then_held(airborne: tupl
     assert _modes(system)[-2:] == ["offboard", "hold"]
 
 
+@DRONE
 async def test_an_attitude_is_flown(airborne: tuple[System, Drone]) -> None:
     system, drone = airborne
     before = _state(system)["altitude_m"]
@@ -72,7 +74,7 @@ async def test_a_pilot_takes_over_and_keeps_the_drone(airborne: tuple[System, Dr
     assert _modes(system)[-2:] == ["offboard", "position"]
 
 
-@pytest.mark.parametrize("lost", ["activator", "fog", "cloud"])
+@pytest.mark.parametrize("lost", [pytest.param("activator", marks=DRONE), "fog", pytest.param("cloud", marks=DRONE)])
 async def test_the_drone_holds_when_the_chain_behind_it_stalls(airborne: tuple[System, Drone], lost: str) -> None:
     system, drone = airborne
     heard, task = await _engage(system, drone, Offboard(60.0, velocity=Velocity(1.0, 0.0, 0.0)))

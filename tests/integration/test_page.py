@@ -374,6 +374,7 @@ def test_another_site_is_not_let_in(page: Served, browser: LivePage) -> None:
     browser.until("window.s.readyState === WebSocket.CLOSED", "another site's socket is closed")
 
 
+@pytest.mark.soak("services/mqttxt/src/mqttxt/page", "services/mqttxt/src/mqttxt/station")
 def test_the_cloud_broker_dies_in_flight_and_comes_back(system: System, page: Served, browser: LivePage) -> None:
     browser.open(page.url)
     is_ready(browser, 1)

@@ -18,6 +18,7 @@ from tests.rigs import prefork
 from tests.rigs.processes import Broker, Process, System, eventually, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+CHOICES = pytest.mark.soak("services/mqttxt/src/mqttxt/activator", "services/mqttxt/src/mqttxt/station")
 
 MAV_CMD_DO_REPOSITION = 192
 FLEET = {1: (1, 2), 2: (4,)}
@@ -129,6 +130,7 @@ async def test_the_best_drone_of_a_fog_and_of_all_fogs_is_sent_and_a_dying_stati
         assert isinstance(heard[-1], Outcome)
 
 
+@CHOICES
 async def test_a_nearer_drone_on_the_ground_is_passed_over_for_one_that_flies_on_another_fog(tmp_path: Path) -> None:
     async with airborne(tmp_path) as (system, station, (_, two)):
         assert (await two.drone(4).land()).completed
@@ -146,6 +148,7 @@ async def test_a_nearer_drone_on_the_ground_is_passed_over_for_one_that_flies_on
         assert {drone: count for drone, count in system.flown_to().items() if count} == {sent.drone: 1}
 
 
+@CHOICES
 async def test_the_command_line_sends_the_best_of_several_fogs_and_shows_rank_and_control(tmp_path: Path) -> None:
     async with airborne(tmp_path) as (system, _, _):
         cloud = ["--cloud", system.cloud.url, "--fog", "1", "--fog", "2"]

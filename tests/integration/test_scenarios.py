@@ -30,6 +30,7 @@ from tests.quick import FLYING, quick_fleet
 from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
+MISSIONS = pytest.mark.soak("services/mission/src", "services/sensor/src")
 DRONES = (1, 2)
 LOW_M = 3.0
 SAMPLES = 3
@@ -240,6 +241,7 @@ def _assert_collected(folder: Path, options: Options) -> None:
     assert all(event["t_ns"] / 1e6 >= event["time_ms"] for event in heard)
 
 
+@MISSIONS
 async def test_scenario_4_over_mavlink_with_plain_brokers_beside_it(
     tmp_path: Path, autopilots: dict[int, int], near: dict[int, Point]
 ) -> None:
@@ -274,6 +276,7 @@ async def test_scenario_4_over_mqttxt(tmp_path: Path, system: SensorSystem, near
     assert commands == [("arm", None), ("takeoff", None), ("goto", 1), ("goto", 2), ("return", None)]
 
 
+@MISSIONS
 async def test_the_pages_own_mission_flies(tmp_path: Path, low_fleet: Path) -> None:
     """The program of docs/own-missions.md as it stands, on the drones of one fog."""
     page = (ROOT / "docs" / "own-missions.md").read_text()

@@ -16,6 +16,9 @@ from tests.rigs.processes import Broker, System
 from tests.rigs.salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
 
 pytestmark = [pytest.mark.integration, pytest.mark.asyncio(loop_scope="module")]
+ONE_HOP = pytest.mark.soak(
+    *(f"services/mqttxt/src/mqttxt/{node}" for node in ("core", "station", "activator", "drone"))
+)
 
 COMMANDS = 200
 DELAY_S = 0.8
@@ -57,7 +60,13 @@ async def fleet(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fleet
             yield Fleet(fog, await aloft(system, fog), disorder)
 
 
-@pytest.mark.parametrize("hops", [("station - fog",), ("fog - drones",), ("station - fog", "fog - drones")])
+@pytest.mark.parametrize(
+    "hops",
+    [
+        *(pytest.param((hop,), marks=ONE_HOP) for hop in ("station - fog", "fog - drones")),
+        ("station - fog", "fog - drones"),
+    ],
+)
 async def test_no_command_is_executed_late_or_twice_in_disorder(fleet: Fleet, hops: tuple[str, ...]) -> None:
     await all_reachable(fleet.fog)
     salvo = fleet.salvo = replace(fleet.salvo, sent=[], unsent=0)

@@ -10,12 +10,15 @@ from mqttxt import Arm, GroundStation, Land, Stream, Takeoff
 from tests.rigs.processes import System, eventually
 
 pytestmark = pytest.mark.integration
+OTHERS = pytest.mark.soak("services/mqttxt/src/mqttxt/drone", "services/sitl/src/sitl/streams.py")
 STATES = frozenset(
     {"armed", "battery", "flight_mode", "groundspeed", "heading", "health", "home", "landed_state", "location"}
 )
 
 
-@pytest.mark.parametrize("streams", ["px4-onboard", "px4-gcs", "five-states"])
+@pytest.mark.parametrize(
+    "streams", ["px4-onboard", *(pytest.param(streams, marks=OTHERS) for streams in ("px4-gcs", "five-states"))]
+)
 async def test_every_state_comes_and_a_flight_is_completed(streams: str, tmp_path: Path) -> None:
     system = System(tmp_path, streams=streams)
     try:

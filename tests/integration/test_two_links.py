@@ -62,7 +62,7 @@ async def test_a_link_that_is_cut_or_held_up_either_way_holds_up_no_command(tmp_
         assert watch.losses == []
 
 
-@pytest.mark.parametrize("dead", [0, 1])
+@pytest.mark.parametrize("dead", [pytest.param(0, marks=LINKS), 1])
 async def test_a_dead_broker_holds_up_no_command(tmp_path: Path, dead: int) -> None:
     async with flying(tmp_path) as (system, drone, watch):
         broker = (system.fog, system.second)[dead]

@@ -144,6 +144,7 @@ def test_it(request):
 """
 
 
+@pytest.mark.long
 def test_what_a_fixture_did_again_by_itself_is_said_too(tmp_path: Path) -> None:
     assert "PASSED ALONE test_it.py::test_it, beside others a rule" in _run(SAYS, "False", tmp_path)
 

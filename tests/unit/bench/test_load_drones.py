@@ -74,6 +74,7 @@ def test_five_states_leave_each_second_though_a_turn_comes_late() -> None:
     assert sum({state.name for state in FIVE} <= found for found in names) >= 9
 
 
+@pytest.mark.long
 async def test_every_runner_is_called_ten_times_a_second_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     called: list[int] = []
     monkeypatch.setattr(LightRunner, "turn", lambda runner: called.append(runner.client.drone))

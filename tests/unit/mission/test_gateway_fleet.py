@@ -31,6 +31,7 @@ def test_the_gateway_has_the_missions_fogs_broker_and_identity() -> None:
     assert gateway_command(_options(identity=identity, signed=True), 14550) == [*begin, *fogs, *signed, *to]
 
 
+@pytest.mark.long
 async def test_a_gateway_that_ends_fails_the_mission_with_its_last_line(tmp_path: Path) -> None:
     log = EventLog(tmp_path / "events.jsonl", StringIO())
     fleet = GatewayFleet(_options(identity=tmp_path / "none"), log, free_port())

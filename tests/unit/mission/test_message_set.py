@@ -153,6 +153,7 @@ async def test_what_was_told_before_a_kind_began_is_none_of_its_values(
     assert _done(events)["location"] == (0, 2)
 
 
+@pytest.mark.long
 async def test_a_state_that_is_told_faster_is_taken_once_in_a_turn_and_the_newest_counts(
     fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:

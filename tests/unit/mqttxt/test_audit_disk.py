@@ -104,6 +104,7 @@ def test_a_start_is_written_before_anything_is_said(tmp_path: Path, was_there: b
     log.close()
 
 
+@pytest.mark.long
 def test_no_command_waits_for_a_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answers, asked = threading.Event(), threading.Event()
 

@@ -15,12 +15,13 @@ from typing import Any
 import pytest
 
 from mqttxt import GroundStation
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Inbound, Subscribe
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import link as mqtt_module
 from mqttxt.core.mqtt import outgoing
 from mqttxt.core.mqtt.client import KEEPALIVE_S
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.errors import BrokerRefused, ConfigurationError, FogUnreachable
 from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
@@ -246,6 +247,7 @@ async def test_bytes_that_are_not_mqtt_end_the_connection_and_nothing_else(garba
         assert (heard.losses, heard.messages, reported) == (1, [], [])
 
 
+@pytest.mark.long
 async def test_a_broker_that_never_answers_does_not_hold_up_the_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection_module, "CONNECT_TIMEOUT_S", 60)
     silent = await asyncio.start_server(lambda reader, writer: None, "127.0.0.1", 0)
@@ -447,6 +449,7 @@ async def test_a_connection_to_a_broker_that_is_revoked_by_now_is_given_up(tmp_p
         assert heard.connections == 1
 
 
+@pytest.mark.long
 async def test_a_broker_that_does_not_show_the_list_is_named(tmp_path: Path) -> None:
     acme = Authority.create(tmp_path / "acme", "acme")
     broker, own = acme.issue("broker-cloud"), acme.issue("gs-ops", Rights(observe=True))

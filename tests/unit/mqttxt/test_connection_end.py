@@ -9,12 +9,13 @@ from typing import Any
 
 import pytest
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Publish
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import link as mqtt_module
 from mqttxt.core.mqtt import outgoing
 from mqttxt.core.mqtt.client import CONNECT_THREAD
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.errors import BrokerRefused
 from tests.rigs.linked import RECEIVE_MAXIMUM_2, WITH_WILL, Heard, linked, state
 from tests.rigs.mqtt_server import CONNECT, DISCONNECT, PUBLISH, Server, publish
@@ -118,6 +119,7 @@ async def test_a_clean_end_is_told_though_messages_wait_that_nobody_will_read() 
         assert not session.was_reset
 
 
+@pytest.mark.long
 async def test_a_last_word_that_the_broker_leaves_no_room_for_is_the_wills() -> None:
     async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, _):
         (session,) = server.sessions
@@ -138,6 +140,7 @@ async def test_who_ends_without_a_clean_stop_leaves_the_last_word_to_the_will() 
         assert [(packet.kind, packet.body) for packet in session.packets[1:]] == [(DISCONNECT, WITH_WILL)]
 
 
+@pytest.mark.long
 async def test_a_broker_that_takes_no_bytes_ends_no_role_with_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mqtt_module, "GOODBYE_S", 0.1)
     async with Server() as server:

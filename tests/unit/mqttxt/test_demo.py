@@ -78,6 +78,7 @@ def test_without_a_browser_it_does_not_open_one(monkeypatch: pytest.MonkeyPatch)
     assert done.stderr == "mqttxt: demo: --open: expected a browser on this machine\n"
 
 
+@pytest.mark.long
 async def test_a_page_that_cannot_be_served_is_named_with_its_words(tmp_path: Path) -> None:
     with pytest.raises(PartEnded, match=r"^the page ended with code 2; its last words: .*expected mqtt://HOST"):
         await Demo(print)._start_page(tmp_path, "no-address")

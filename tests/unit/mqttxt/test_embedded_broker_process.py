@@ -206,6 +206,7 @@ def sighup_is_heard() -> Iterator[None]:
     signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("sighup_is_heard")
 async def test_a_broker_that_is_still_starting_is_told_of_a_newer_list_once_it_runs(tmp_path: Path) -> None:
     """Mosquitto without a handler is ended by SIGHUP."""
@@ -226,6 +227,7 @@ async def test_a_broker_that_is_still_starting_is_told_of_a_newer_list_once_it_r
         await asyncio.gather(running, return_exceptions=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", [Lives.TAKEN, f"{Lives.SLOW}; {Lives.TAKEN}"], ids=["at once", "on a slow machine"])
 async def test_a_broker_that_cannot_start_ends_its_role_with_what_it_said(tmp_path: Path, how: str) -> None:
     lives = Lives(tmp_path, how)

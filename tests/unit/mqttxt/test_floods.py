@@ -94,6 +94,7 @@ def forwarded(effects: list[Any], drone: int) -> int:
     return len(of(effects, f"drone{drone}/commands"))
 
 
+@pytest.mark.long
 def test_a_station_in_control_cannot_fill_its_fogs_ledger_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command_relay, "FOG_CAPACITY", CAPACITY)
     bench, seq = two_stations(), 0

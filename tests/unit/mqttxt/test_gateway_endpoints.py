@@ -107,6 +107,7 @@ async def test_a_browser_that_a_page_sends_here_is_not_heard() -> None:
     await heard.endpoints.close()
 
 
+@pytest.mark.long
 async def test_a_client_that_does_not_read_is_left_and_the_others_go_on() -> None:
     heard, port = Heard(), free_port(socket.SOCK_STREAM)
     await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])

@@ -69,6 +69,7 @@ class Tried:
             self.restarts[node.name] += (node.generation - 1) // 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", first_quick(range(2)))
 @pytest.mark.parametrize("thief", [False, True], ids=["brokers", "activator"])
 def test_nothing_that_an_adversary_says_is_executed(thief: bool, seed: int) -> None:
@@ -106,6 +107,7 @@ def test_of_ten_thousand_attempts_at_each_place_nothing_is_executed(places: tupl
     assert tried.executed > tried.sent / 20
 
 
+@pytest.mark.long
 def test_without_an_adversary_a_fleet_that_signs_flies() -> None:
     simulation = HostileSimulation(1, replace(CALM, selects=0), rate=0.0)
     judge = simulation.live(20)

@@ -122,6 +122,7 @@ async def test_a_broker_that_does_not_read_the_answers_that_it_asks_for_is_given
         assert len(heard.messages) < 4000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("says", first_quick([b"\x13\0\0", b"\x13\xff\xff"]), ids=["never", "18 hours"])
 async def test_no_broker_says_how_long_its_silence_may_be(says: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection_module, "KEEPALIVE_S", 2, raising=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.address import BrokerAddress
 from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal
 from mqttxt.drone.journal import ASKED_FOR_S, GAP_NOTED_S, MOST_DELIVERED, JournalFile

@@ -164,6 +164,7 @@ def test_what_is_lost_between_autopilot_and_drone_is_asked_for_again(like: str, 
     assert log.size < ground.read_bytes() < 3 * log.size
 
 
+@pytest.mark.long
 def test_a_log_comes_over_two_seconds_of_round_trip_and_loss_and_commands_are_not_behind_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,6 +204,7 @@ def _delay_s(flight: Flight) -> float:
 # -- cut off ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("like", first_quick(KINDS))
 @pytest.mark.parametrize("who", ["station", "both"])
 def test_a_transfer_that_is_cut_anywhere_goes_on_where_it_was(like: str, who: str, tmp_path: Path) -> None:
@@ -230,6 +232,7 @@ def test_a_transfer_that_is_cut_anywhere_goes_on_where_it_was(like: str, who: st
     assert carried == sorted(carried)
 
 
+@pytest.mark.long
 def test_an_autopilot_that_starts_anew_is_listed_anew_and_gives_its_last_bytes_again(tmp_path: Path) -> None:
     ground = Ground(tmp_path)
     ground.kept[:] = [LONG]
@@ -242,6 +245,7 @@ def test_an_autopilot_that_starts_anew_is_listed_anew_and_gives_its_last_bytes_a
     assert ground.read_bytes() - before <= log.size - BLOCK_BYTES
 
 
+@pytest.mark.long
 def test_what_was_read_of_another_log_with_the_same_number_is_not_mixed_into_it(tmp_path: Path) -> None:
     ground = Ground(tmp_path)
     ground.kept[:] = [LONG]
@@ -354,6 +358,7 @@ def test_nothing_is_asked_of_an_armed_autopilot_and_what_is_there_is_given_in_fl
     assert ground.asked() == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("like", first_quick(KINDS))
 def test_arming_ends_the_reading_and_disarmed_it_goes_on_where_it_was(like: str, tmp_path: Path) -> None:
     ground = Ground(tmp_path, like)
@@ -404,6 +409,7 @@ def test_a_command_goes_before_a_log(like: str, tmp_path: Path) -> None:
     assert at_ms
 
 
+@pytest.mark.long
 def test_an_autopilot_is_asked_for_little_at_a_time(tmp_path: Path) -> None:
     ground = Ground(tmp_path)
     ground.kept[:] = [LONG]

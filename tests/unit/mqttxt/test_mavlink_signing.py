@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.settings import Settings
 from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.mavlink import signing as mavlink_signing

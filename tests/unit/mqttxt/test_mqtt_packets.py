@@ -117,6 +117,7 @@ async def test_a_packet_that_is_longer_than_was_announced_ends_the_connection() 
         assert heard.messages == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("answers", [True, False])
 async def test_a_broker_that_says_nothing_is_asked_and_given_up_where_it_does_not_answer(answers: bool) -> None:
     keepalive_1 = b"\x13\x00\x01"
@@ -133,6 +134,7 @@ async def test_a_broker_that_says_nothing_is_asked_and_given_up_where_it_does_no
         assert [packet.kind for packet in session.packets[1:]] == [PING, DISCONNECT]
 
 
+@pytest.mark.long
 async def test_who_speaks_and_is_spoken_to_asks_nothing() -> None:
     keepalive_1 = b"\x13\x00\x01"
     async with Server(keepalive_1) as server, linked(server) as (link, heard):

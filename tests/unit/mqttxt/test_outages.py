@@ -65,6 +65,7 @@ async def test_a_broker_that_is_away_is_told_of_once_and_so_is_its_return(caplog
     assert lines[2] == f"fog: {where}: connection lost; trying again"
 
 
+@pytest.mark.long
 async def test_a_broker_that_accepts_in_vain_is_told_of_once(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -77,6 +77,7 @@ async def test_a_browser_is_sent_everything_once_and_then_what_changes() -> None
         assert drone["states"]["battery"]["remaining_pct"] == 80
 
 
+@pytest.mark.long
 async def test_a_fog_that_falls_silent_is_seen_without_an_event() -> None:
     async with Bench().running() as bench:
         bench.viewer.take()
@@ -308,6 +309,7 @@ async def test_a_page_that_ends_sends_nothing_more() -> None:
     assert bench.station.sent == []
 
 
+@pytest.mark.long
 async def test_orders_are_bounded_and_so_is_what_is_remembered_of_them() -> None:
     async with Bench().running() as bench:
         for seq in range(KEPT + 5):
@@ -332,6 +334,7 @@ def asked_of_a_link(**more: Any) -> str:
     return json.dumps({"number": 5, "do": "link", "link": "air:uav1"} | more)
 
 
+@pytest.mark.long
 async def test_links_are_shown_and_changed_by_a_page_that_only_watches_drones_too() -> None:
     links = FakeLinks()
     async with Bench(watch_only=True, links=links).running() as bench:

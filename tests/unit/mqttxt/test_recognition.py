@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.settings import Settings
 from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.mavlink.transports import AutopilotAddress

@@ -207,6 +207,7 @@ def test_a_command_takes_as_many_places_as_drones_may_get_it_and_a_choice_what_i
     assert places == [10, 1, 1, 100, 1], "a goto is no broadcast, and is refused at once"
 
 
+@pytest.mark.long
 def test_a_station_whose_holds_of_a_whole_fog_are_denied_may_still_hold_one_drone() -> None:
     """The ledger has room for one place when it has none for 250."""
     bench = ready(drones=tuple(range(1, MAX_DRONE + 1)))

@@ -17,9 +17,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
 from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.runner import TICK_S, Runner, next_tick
 from mqttxt.errors import ConfigurationError
 from tests.rigs.mqtt_server import DISCONNECT, PUBLISH, Server
@@ -127,6 +128,7 @@ def test_a_ready_file_that_can_nowhere_be_is_a_users_mistake(tmp_path: Path) -> 
     assert str(error.value) == f"--ready-file {missing}: expected a file in a folder that exists"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", [errno.EROFS, errno.ENOSPC, errno.EIO])
 async def test_a_disk_that_takes_no_ready_file_ends_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: int

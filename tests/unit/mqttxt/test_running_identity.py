@@ -207,6 +207,7 @@ def test_a_renewed_nodes_entry_outlives_its_old_certificate_only_with_the_new_me
     assert not has_entry(10)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cuts", [True, False])
 async def test_a_broker_is_started_anew_where_a_revoked_certificates_name_stays_in_use(
     acme: Authority, tmp_path: Path, cuts: bool

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 
 from mqttxt.cli.main import app
 from mqttxt.cli.watch import everything
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
-from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import ForgetReadings, Journal, StoreReading
 from mqttxt.drone.sensors import port as sensors

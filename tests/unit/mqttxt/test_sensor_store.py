@@ -102,6 +102,7 @@ def test_a_spoilt_reading_is_removed_and_those_behind_it_are_loaded(tmp_path: Pa
     assert len(store) == 2
 
 
+@pytest.mark.long
 def test_a_store_that_another_process_uses_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "sensors"
     first = SensorStore(path)

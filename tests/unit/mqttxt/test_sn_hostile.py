@@ -376,6 +376,7 @@ def test_an_address_that_never_answers_is_given_up() -> None:
     assert bench.sides[0].closed == [True]
 
 
+@pytest.mark.long
 async def test_each_address_of_a_gateway_s_name_is_tried_and_no_return_code_ends_the_link(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

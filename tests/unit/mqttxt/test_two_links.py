@@ -299,6 +299,7 @@ def test_nobody_subscribes_only_where_no_broker_has_a_subscriber() -> None:
     assert words(world, command_id) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("signed", [False, True])
 def test_cuts_double_and_lose_nothing(signed: bool) -> None:
     cut_and_flown(50, signed=signed)

@@ -534,6 +534,7 @@ def test_words_about_another_stations_command_and_of_drones_it_does_not_concern_
         assert [getattr(effect, "kind", effect) for effect in out] == kinds
 
 
+@pytest.mark.long
 async def test_a_process_does_not_wait_for_its_tick_to_say_what_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
     brokers = (BrokerAddress.parse(f"mqtt://127.0.0.1:{port}") for port in (1, 2))
     runner = ActivatorRunner(1, *brokers, Settings())

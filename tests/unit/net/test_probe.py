@@ -88,6 +88,7 @@ def test_a_frame_has_the_size_asked_for(several: dict[str, dict[str, Any]]) -> N
     assert several["sizes"]["got"] == [SMALLEST_FRAME, LARGEST_FRAME]
 
 
+@pytest.mark.long
 def test_datagrams_of_another_run_and_of_nobodys_are_left_out() -> None:
     port = free_port(socket.SOCK_DGRAM)
     probe = Probe(Schedule(7, time.time_ns() + AHEAD_NS, 0.1, ()), port)

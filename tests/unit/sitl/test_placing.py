@@ -91,6 +91,7 @@ def test_one_that_will_not_arm_is_commanded_again_and_then_named(
     assert pilot.armed
 
 
+@pytest.mark.long
 async def test_an_autopilot_that_falls_silent_is_not_commanded_for_ever(
     witnessed: tuple[Watching, Process], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -84,6 +84,7 @@ def copter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("program", "is_executable", "error"),
     [
@@ -103,6 +104,7 @@ def test_a_broken_autopilot_is_one_line_and_no_recording(
     assert list(tmp_path.iterdir()) == [copter]
 
 
+@pytest.mark.long
 def test_a_recording_that_fails_leaves_its_port_to_the_next_one(
     tmp_path: Path, copter: Path, monkeypatch: pytest.MonkeyPatch, no_collector: None
 ) -> None:

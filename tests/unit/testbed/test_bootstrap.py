@@ -127,6 +127,7 @@ def test_an_environment_stays_when_a_new_one_cannot_be_made(tmp_path: Path, monk
     assert (tmp_path / ".venv" / "kept").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "said"), [("mqttxt", "keys"), ("testbed", "verdict")])
 def test_the_environment_has_the_commands_that_the_pages_type(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str

@@ -63,6 +63,7 @@ def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "END_S", 60.0)
 
 
+@pytest.mark.long
 async def test_it_is_ready_once_it_is_checked_and_ended_with_who_started_it(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

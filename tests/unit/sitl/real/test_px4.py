@@ -53,6 +53,7 @@ def prepared(
 OLD, NEW = {"type": "Int32", "units": "deg*1e7"}, {"type": "Float", "units": "deg"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("home", "latitude"), [(OLD, "473981020"), (NEW, "47.3981020")])
 def test_both_ways_to_set_parameters_get_all_in_the_units_that_this_px4_has(
     tmp_path: Path, home: dict[str, str], latitude: str
@@ -72,6 +73,7 @@ def test_drones_of_a_fleet_take_the_processors_in_turn(monkeypatch: pytest.Monke
     assert [scheduled(number)[:3] for number in (1, 2, 3)] == [["taskset", "--cpu-list", each] for each in "525"]
 
 
+@pytest.mark.long
 def test_it_is_started_in_a_folder_of_its_own_with_all_its_commands(tmp_path: Path) -> None:
     _, words, environment = prepared(tmp_path, NEW)
     work = tmp_path / "work"
@@ -88,6 +90,7 @@ def test_it_is_started_in_a_folder_of_its_own_with_all_its_commands(tmp_path: Pa
     assert (work / "log").resolve() == (tmp_path / "logs").resolve()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("streams", SETS)
 def test_it_has_a_link_to_who_flies_it_and_one_for_its_witness(tmp_path: Path, streams: str) -> None:
     prepared(tmp_path, NEW, streams)
@@ -108,6 +111,7 @@ def test_its_simulator_is_sped_up_by_what_a_sleep_takes_longer_here(takes_s: flo
     assert len(slept) == STEPS
 
 
+@pytest.mark.long
 def test_what_is_read_back_has_to_be_what_was_set(tmp_path: Path) -> None:
     px4, _, environment = prepared(tmp_path, NEW)
     answers = {name: environment[f"PX4_PARAM_{name}"] for name in px4.questions()}

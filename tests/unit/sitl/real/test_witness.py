@@ -112,6 +112,7 @@ def test_bytes_that_are_no_mavlink_are_passed_over() -> None:
     assert witness.take(heartbeat(True), 0) == [{"event": "armed"}]
 
 
+@pytest.mark.long
 async def test_files_are_as_the_stand_ins_and_requests_go_to_the_autopilot_alone(tmp_path: Path) -> None:
     port = free_port(socket.SOCK_DGRAM)
     log, place, ready = tmp_path / "uav3.jsonl", tmp_path / "position.json", tmp_path / "ready"

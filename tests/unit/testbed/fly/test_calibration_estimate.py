@@ -74,6 +74,7 @@ def test_arrivals_one_behind_the_other_tell_the_rate_though_some_are_lost() -> N
     assert rate_when_received([Row(number, 0, 5) for number in range(9)], 80) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distribution", first_quick(["normal", "uniform", "pareto"]))
 def test_right_links_are_hardly_ever_out_of_tolerance(distribution: str) -> None:
     """99.9 % are within by the reckoning: of 300 more than 5 are out once in a million times."""

@@ -168,6 +168,7 @@ def test_a_step_runs_in_a_process_of_its_own_whose_errors_come_back() -> None:
         in_a_process(os.listdir, "/nowhere")
 
 
+@pytest.mark.long
 def test_a_step_whose_process_is_killed_is_an_error_of_its_own() -> None:
     with pytest.raises(TestbedError, match="the process of raise_signal was killed"):
         in_a_process(signal.raise_signal, signal.SIGKILL)

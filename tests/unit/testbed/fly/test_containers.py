@@ -158,6 +158,7 @@ def test_a_start_that_compose_gives_up_is_the_fleets_own_failure(
     assert [after for word, after in pairwise(ran[-1]) if word == "--profile"] == ["mavlink"]
 
 
+@pytest.mark.long
 def test_compose_does_not_wait_for_another_machine_for_ever_and_nothing_of_it_goes_on(
     composed: tuple[Containers, list[list[str]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

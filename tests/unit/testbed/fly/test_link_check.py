@@ -65,6 +65,7 @@ def checked(folder: Path, network: Any, names: str = "sik") -> tuple[bool, str, 
     return holds, said.getvalue(), json.loads((folder / "links" / "latest" / "links.json").read_text())
 
 
+@pytest.mark.long
 def test_right_links_are_told_configured_beside_measured_and_all_is_taken_down(tmp_path: Path) -> None:
     network = SimulatedNetwork()
     holds, said, saved = checked(tmp_path, network, "ideal,sik")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Generator
 from pathlib import Path
 from types import SimpleNamespace
@@ -347,13 +348,56 @@ def test_the_socket_of_a_far_machine_is_forwarded_and_ssh_ends_with_it(
 ) -> None:
     _ssh(tmp_path, monkeypatch, f'echo "$$ $@" > {tmp_path}/said; while [ "$1" != -L ]; do shift; done; '
          'touch "${2%%:*}"; exec sleep 60')  # fmt: skip
-    with reach._socket_of(Machine("ssh://ops@a:2222", ())) as address:
+    with reach._socket_of(Machine("ssh://ops@a:2222", ())) as (address, _):
         process, *words = (tmp_path / "said").read_text().split()
         assert address.startswith("unix:///")
         assert words[-3:] == ["-p", "2222", "ops@a"]
         assert f"{address.removeprefix('unix://')}:/var/run/docker.sock" in words
+        assert "ControlPath=none" in words, "a connection that others share would go on afterwards, with the socket"
+        assert "ExitOnForwardFailure=no" in words, "a port that the user's own ssh forwards already is no hindrance"
     assert not Path(f"/proc/{process}").exists()
     assert not Path(address.removeprefix("unix://")).parent.exists()
+
+
+def test_ssh_may_say_more_than_a_pipe_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reach, "OPENED_S", 5.0)
+    _ssh(tmp_path, monkeypatch, 'seq 30000 >&2; while [ "$1" != -L ]; do shift; done; touch "${2%%:*}"; exec sleep 60')
+    with reach._socket_of(Machine("ssh://a", ())) as (address, _):
+        assert Path(address.removeprefix("unix://")).exists()
+
+
+def test_a_socket_that_ssh_does_not_forward_in_time_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reach, "OPENED_S", 0.3)
+    _ssh(tmp_path, monkeypatch, "echo Could not request local forwarding. >&2; exec sleep 60")
+    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
+        pass
+    said = "ssh has not forwarded /var/run/docker.sock within 0.3 s: Could not request local forwarding"
+    assert str(error.value) == f"MACHINES: ssh://a: {said}"
+
+
+def test_a_far_machine_where_no_docker_may_be_used_is_told_what_was_expected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As real sshd: it takes the connection, and then says that it opens none to the socket."""
+    opens = """import socket, sys
+listener = socket.socket(socket.AF_UNIX)
+listener.bind(sys.argv[1])
+listener.listen()
+while True:
+    connection, _ = listener.accept()
+    print("channel 2: open failed: administratively prohibited: open failed\\nbye.", file=sys.stderr, flush=True)
+    connection.close()"""
+    (tmp_path / "opens.py").write_text(opens)
+    _ssh(tmp_path, monkeypatch, 'echo Only for our own people. >&2; while [ "$1" != -L ]; do shift; done; '
+         f'exec {sys.executable} {tmp_path}/opens.py "${{2%%:*}}"')  # fmt: skip
+    with pytest.raises(UserError) as error, reach.reached([Machine("ssh://a", ())], "node"):
+        pass
+    assert str(error.value) == (
+        "MACHINES: ssh://a: Docker does not answer: channel 2: open failed: administratively prohibited: open failed: "
+        "expected Docker's /var/run/docker.sock there, which this user may use and sshd may forward"
+    )
 
 
 def test_a_machine_that_ssh_does_not_reach_is_named_with_what_ssh_says(

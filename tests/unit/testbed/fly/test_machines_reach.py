@@ -32,6 +32,8 @@ class _Docker:
         told: dict[str, Any] = {"version": "20.10", "architecture": "amd64", "networks": ["bridge", "overlay"], **found}
         self.loaded: list[bytes] = []
         self.refuses = False
+        self.said: list[dict[str, str]] = []
+        """While an image is loaded."""
         self._name, self._image, self._told = name, image, told
         self.images = SimpleNamespace(get=self._get)
         self.api = SimpleNamespace(get_image=lambda _: [(image or "").encode()], load_image=self._load)
@@ -50,9 +52,12 @@ class _Docker:
             raise ImageNotFound(f"{name}: not there")
         return SimpleNamespace(id=self._image)
 
-    def _load(self, chunks: list[bytes]) -> None:
+    def _load(self, chunks: list[bytes], quiet: bool) -> Iterator[dict[str, str]]:
+        """As the client has it: a refusal comes once what is said is read."""
+        assert not quiet, "else nothing comes until the end, which a slow machine has not within the time for an answer"
         if self.refuses:
             raise APIError("no space left on device")
+        yield from self.said
         self.loaded += chunks
         self._image = chunks[0].decode()
 
@@ -143,10 +148,12 @@ def test_the_image_is_loaded_where_it_is_missing_or_another(image: str | None, l
 def test_an_image_that_is_nowhere_or_cannot_be_loaded_is_named() -> None:
     with pytest.raises(DockerError, match=r"^node:latest: not here; type: make containers$"):
         reach._bring_image(_Docker(image=None), _daemons(_Docker("a"))[0], IMAGE)
-    there = _Docker("a", None)
-    there.refuses = True
-    with pytest.raises(DockerError, match=r"^a: node:latest could not be loaded: no space left on device$"):
-        reach._bring_image(_Docker(), _daemons(there)[0], IMAGE)
+    there, full = _Docker("a", None), _Docker("a", None)
+    there.refuses, full.said = True, [{"status": "Loading layer"}, {"error": "no space\nleft on device"}]
+    for one in (there, full):
+        with pytest.raises(DockerError, match=r"^a: node:latest could not be loaded: no space left on device$"):
+            reach._bring_image(_Docker(), _daemons(one)[0], IMAGE)
+        assert one.loaded == []
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ def test_keys_are_text_and_a_mapping_may_take_over_anothers(tmp_path: Path) -> N
     assert _read(tmp_path, text) == {"a": {"x": 1, "y": 2}, "1": {"x": 1, "y": 3}}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "said"),
     [

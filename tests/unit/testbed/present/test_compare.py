@@ -99,6 +99,7 @@ def test_a_change_has_the_digits_that_it_deserves(ratio: float, said: str) -> No
     assert compare.change(ratio) == said
 
 
+@pytest.mark.long
 def test_the_terminal_and_the_page_say_the_same_and_the_page_twice_so(tmp_path: Path, first: compare.Result) -> None:
     other = result("B", tmp_path, ("mavlink", entry("mavlink", packets=4505)), configuration={"streams": "five-states"})
     console = Console(file=StringIO(), width=100)
