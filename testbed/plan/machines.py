@@ -1,7 +1,7 @@
-"""The machines that a fleet is flown on beside this one (MACHINES): which nodes each has, and its compose file.
+"""The machines besides this one on which a fleet is flown (MACHINES): the nodes of each, and its compose file.
 
-This machine keeps the ground station, the cloud and `net`; each other one has some of the fogs, with their drones. The
-networks of its nodes are overlays of a Docker Swarm. They lead to `net`, as all others do.
+This machine has the ground station, the cloud and `net`; each other one has some of the fogs, with their drones. The
+networks of those nodes are overlays of a Docker Swarm. They lead to `net`, as all others do.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .fleet import Fleet
 
 VARIABLE = "MACHINES"
 _ADDRESS = re.compile(
-    r"unix:///\S+|ssh://([A-Za-z0-9_][A-Za-z0-9_.-]*@)?[A-Za-z0-9][A-Za-z0-9.-]*(:(?P<port>[0-9]{1,5}))?"
+    r"unix:///\S+|ssh://([A-Za-z0-9_][A-Za-z0-9_.-]*@)?[A-Za-z0-9][A-Za-z0-9_.-]*(:(?P<port>[0-9]{1,5}))?"
 )
 _PASSWORD = re.compile(r"(//[^/@:]*:).*@")
 MAX_PORT = 65_535
@@ -35,21 +35,21 @@ class Machine:
 
     @property
     def name(self) -> str:
-        """What it is called in results: its address without a scheme."""
+        """The machine's name in results: its address without the scheme."""
         return self.address.partition("://")[2]
 
 
 def machines_of(environment: Mapping[str, str], fleet: Fleet) -> tuple[Machine, ...]:
-    """The machines that MACHINES names, none where it is empty.
+    """The machines that MACHINES names; empty if it is not set.
 
-    One fog after the other, with its drones, goes to the machine that has the fewest drones by then. Raises UserError
-    naming the address, or how many machines there are, and what was expected.
+    Each fog in turn, with its drones, is assigned to the machine that has the fewest drones so far. Raises UserError
+    that names the address, or the number of machines, and what was expected.
     """
     addresses = [part.strip() for part in environment.get(VARIABLE, "").split(",") if part.strip()]
     for place, address in enumerate(addresses):
         found = _ADDRESS.fullmatch(address)
         if found is None or not 1 <= int(found["port"] or 22) <= MAX_PORT:
-            shown = _PASSWORD.sub(r"\1***@", address)  # which is in the logs of whoever runs this by a program
+            shown = _PASSWORD.sub(r"\1***@", address)  # programs that run this may log it
             raise UserError(
                 f"{VARIABLE}: {shown}: expected ssh://[USER@]HOST[:PORT] or unix:///PATH, a list with commas"
             )
@@ -72,7 +72,7 @@ def _nodes(fleet: Fleet, fogs: Sequence[int]) -> tuple[str, ...]:
 
 
 def refuse_machines(environment: Mapping[str, str], what: str) -> None:
-    """Raises UserError where MACHINES is set for what uses one machine alone."""
+    """Raise UserError if MACHINES is set for a command that uses only one machine."""
     if environment.get(VARIABLE):
         shown = _PASSWORD.sub(r"\1***@", environment[VARIABLE])
         raise UserError(f"{VARIABLE}={shown}: expected none for {what}, which uses this machine alone")
@@ -84,18 +84,18 @@ def overlay_of(node: str) -> str:
 
 
 def volume_of(name: str) -> str:
-    """The name of a volume of compose.yaml on another machine."""
+    """The name on another machine of a volume of compose.yaml."""
     return f"{PROJECT}-{name}"
 
 
 def volumes_of(fleet: Fleet) -> dict[str, dict[str, str]]:
-    """By name the options of the volumes that compose.yaml has."""
+    """The options of compose.yaml's volumes, by name."""
     volumes = _document(fleet)["volumes"]
     return {name: (volume or {}).get("driver_opts", {}) for name, volume in volumes.items()}
 
 
 def compose_here(fleet: Fleet, machines: Sequence[Machine]) -> str:
-    """The compose file of this machine, where the others have the rest of the nodes."""
+    """The compose file of this machine, without the nodes of the other machines."""
     document = _document(fleet)
     there = {node for machine in machines for node in machine.nodes}
     services = {name: one for name, one in document["services"].items() if _node_of(name, one) not in there}
@@ -104,7 +104,7 @@ def compose_here(fleet: Fleet, machines: Sequence[Machine]) -> str:
 
 
 def compose_there(fleet: Fleet, machine: Machine) -> str:
-    """The compose file of another machine: its volumes are there before, as its networks are."""
+    """The compose file of another machine; its volumes and networks are made beforehand."""
     document = _document(fleet)
     services = {
         name: {key: value for key, value in one.items() if key != "depends_on"}
@@ -122,7 +122,7 @@ def _document(fleet: Fleet) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def _parsed(text: str) -> dict[str, Any]:
-    """Not to be changed: the files of all machines are made from it."""
+    """Parse compose.yaml's text. The result must not be changed: the files of all machines are made from it."""
     found: dict[str, Any] = yaml.safe_load(text)
     return {key: value for key, value in found.items() if not key.startswith("x-")}
 

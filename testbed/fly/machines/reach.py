@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from docker.errors import ImageNotFound
+from docker.errors import ImageNotFound, StreamParseError
+from urllib3.exceptions import HTTPError
 
 from ...errors import DockerError, TestbedError, UserError
 from ...plan.compose import PROJECT
@@ -19,12 +20,19 @@ from ...plan.machines import VARIABLE, Machine
 from ..containers import NO_ANSWER, PROJECT_LABEL, SERVICE_LABEL, connect_docker
 
 SOCKET = "/var/run/docker.sock"
+FORWARDED = f"Docker's {SOCKET} there, which this user may use and sshd forwards (AllowStreamLocalForwarding)"
+"""Which of these it is not, sshd does not say."""
 OPENED_S, ENDED_S = 30.0, 5.0
 """Within which ssh forwards the socket, and ends."""
 POLL_S = 0.05
+BROKEN_OFF = (HTTPError, StreamParseError)
+"""What comes of a stream that ends in its middle: Docker's client passes these on as they are."""
 OVERLAY, NET = "overlay", "net"
 SSH = ("ssh", "-nNT", *(word for option in (
-    "BatchMode=yes", "ExitOnForwardFailure=yes", "ConnectTimeout=10", "ServerAliveInterval=5", "ServerAliveCountMax=3",
+    "BatchMode=yes", "ConnectTimeout=10", "ServerAliveInterval=5", "ServerAliveCountMax=3",
+    "ControlMaster=no", "ControlPath=none",  # one that others share goes on when this one ends
+    "ExitOnForwardFailure=no",  # a user's own forwarding may be in use; ours is there when its socket is
+    "LogLevel=INFO",  # it says why it ends, and little else
 ) for word in ("-o", option)))  # fmt: skip
 
 
@@ -54,7 +62,8 @@ def reached(machines: Sequence[Machine], image: str) -> Iterator[tuple[Daemon, .
             try:
                 client = connect_docker(address)
             except DockerError as error:
-                raise UserError(f"{VARIABLE}: {machine.address}: {in_a_line(error)}") from error
+                expected = f": expected {FORWARDED}" if address != machine.address else ""
+                raise UserError(f"{VARIABLE}: {machine.address}: {in_a_line(error)}{expected}") from error
             stack.callback(client.close)
             daemons.append(Daemon(machine, address, client))
         here = connect_docker()
@@ -110,11 +119,14 @@ def _bring_image(here: Any, daemon: Daemon, image: str) -> None:
         wanted = here.images.get(image).id
     except ImageNotFound as error:
         raise DockerError(f"{image}: not here; type: make containers") from error
-    with does(daemon.name, f"{image} could not be loaded"):
+    failure = f"{image} could not be loaded"
+    with does(daemon.name, failure):
         with contextlib.suppress(ImageNotFound):
             if daemon.client.images.get(image).id == wanted:
                 return
-        daemon.client.api.load_image(here.api.get_image(image))
+        for said in daemon.client.api.load_image(here.api.get_image(image), quiet=False):  # else silent until its end
+            if "error" in said:
+                raise DockerError(f"{daemon.name}: {failure}: {in_a_line(said['error'])}")
         found = daemon.client.images.get(image).id
     if found != wanted:
         raise DockerError(f"{daemon.name}: {image} is {found} there: expected {wanted}")
@@ -125,7 +137,7 @@ def does(name: str, failure: str, kind: type[TestbedError] = DockerError) -> Ite
     """Raises `kind` naming a machine whose Docker does not do what it is asked within this."""
     try:
         yield
-    except NO_ANSWER as error:
+    except (*NO_ANSWER, *BROKEN_OFF) as error:
         raise kind(f"{name}: {failure}: {in_a_line(error)}") from error
 
 
@@ -136,41 +148,53 @@ def in_a_line(text: object) -> str:
 
 @contextlib.contextmanager
 def _socket_of(machine: Machine) -> Iterator[str]:
-    """The address of a machine's Docker: its own socket's, or that of one that ssh forwards to it."""
+    """The address of a machine's Docker: its own socket's, or that of one that ssh forwards to it.
+
+    Raises UserError naming a machine that ssh does not reach.
+    """
     scheme, _, rest = machine.address.partition("://")
     if scheme != "ssh":
         yield machine.address
         return
     target, _, port = rest.partition(":")
     with tempfile.TemporaryDirectory(prefix="mqttxt-testbed-") as folder:
-        local = Path(folder) / "docker.sock"
+        local, log = Path(folder) / "docker.sock", Path(folder) / "ssh.log"
         words = [*SSH, "-L", f"{local}:{SOCKET}", *(["-p", port] if port else []), target]
         try:
-            process = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, errors="replace", start_new_session=True
-            )
+            with log.open("wb") as said:  # a pipe that nobody reads would stop ssh once it is full
+                process = subprocess.Popen(
+                    words, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True
+                )
         except FileNotFoundError as error:
             raise UserError(f"{VARIABLE}: {machine.address}: expected ssh to be installed here") from error
         try:
-            _wait_until_forwarded(machine, process, local)
+            _wait_until_forwarded(machine, process, local, log)
             yield f"unix://{local}"
         finally:
             process.terminate()
             try:
-                process.communicate(timeout=ENDED_S)
+                process.wait(ENDED_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-                process.communicate()
+                process.wait()
 
 
-def _wait_until_forwarded(machine: Machine, process: subprocess.Popen[str], local: Path) -> None:
+def _wait_until_forwarded(machine: Machine, process: subprocess.Popen[bytes], local: Path, log: Path) -> None:
     deadline_s = time.monotonic() + OPENED_S
     while not local.exists():
         if process.poll() is not None:
-            assert process.stderr is not None
-            lines = process.stderr.read().strip().splitlines() or [f"ssh ended with exit code {process.returncode}"]
+            said = _last_line(log) or f"ssh ended with exit code {process.returncode}"
             expected = "expected a machine that ssh reaches without asking"
-            raise UserError(f"{VARIABLE}: {machine.address}: {in_a_line(lines[-1])}: {expected}")
+            raise UserError(f"{VARIABLE}: {machine.address}: {said}: {expected}")
         if time.monotonic() > deadline_s:
-            raise UserError(f"{VARIABLE}: {machine.address}: ssh has not forwarded {SOCKET} within {OPENED_S:g} s")
+            said = _last_line(log) or "it says nothing"
+            raise UserError(
+                f"{VARIABLE}: {machine.address}: ssh has not forwarded {SOCKET} within {OPENED_S:g} s: {said}"
+            )
         time.sleep(POLL_S)
+
+
+def _last_line(log: Path) -> str:
+    """The last thing that ssh says, without its full stop; empty where it says nothing."""
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or [""]
+    return in_a_line(lines[-1]).rstrip(".")

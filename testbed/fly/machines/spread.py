@@ -11,19 +11,22 @@ from pathlib import Path
 from typing import Any
 
 from ...bootstrap.images import NODE
-from ...errors import ContainerDied, DockerError, FleetError
+from ...errors import ContainerDied, DockerError, FleetError, UserError
 from ...plan.experiments import Plan
 from ...plan.fleet import Fleet
-from ...plan.machines import compose_here, compose_there, volumes_of
+from ...plan.machines import VARIABLE, Machine, compose_here, compose_there, volumes_of
 from ...plan.overrides import FLEET_COPY, compose_files
 from ..containers import Containers, connect_docker, services_of
 from .overlays import ROUTERS, Carrier, make_overlays, remove_overlays
-from .reach import Daemon, reached
+from .reach import NET, Daemon, reached
 from .swarm import forget, joined
 
 FETCHED = "sitl"
 """What the nodes on other machines write into the run folder there."""
 MISSION = "mission: "
+PORTS = "UDP port 4789, and UDP and TCP port 7946,"
+PONG, WAY_S = "1 received", 15
+"""What ping prints of an answer, and how many seconds a swarm has until it knows its overlays."""
 LISTENS_S, LISTENS_POLL_S = 60.0, 0.1
 """Within which the cloud's routers listen."""
 
@@ -69,6 +72,7 @@ class SpreadContainers(Containers):
             for daemon, path in zip(daemons, files[1:], strict=True)
         }
         self._carriers = {daemon.name: Carrier(daemon) for daemon in daemons}
+        self._machines = machines
         self._nodes = [node for machine in machines for node in machine.nodes]
         self._services = {path: services_of(self._profiles, path) for path in files}
         self._files_there = dict(zip(self._others, files[1:], strict=True))
@@ -91,6 +95,20 @@ class SpreadContainers(Containers):
             self._pass_on_that_the_cloud_listens()
         with ThreadPoolExecutor(len(there)) as pool:
             list(pool.map(lambda name: self._up_there(name, services), there))
+
+    def start(self, *services: str) -> None:
+        """As on one machine. Raises UserError for a machine between whose nodes and `net` nothing passes."""
+        super().start(*services)
+        if NET in services:
+            for machine in self._machines:
+                self._check_way(machine)
+
+    def _check_way(self, machine: Machine) -> None:
+        node = machine.nodes[0]
+        gateway = self._fleet.gateway(node)
+        if PONG not in self.output(node, ["ping", "-c", "1", "-w", str(WAY_S), gateway]):
+            said = f"no answer from net to {node} there within {WAY_S} s"
+            raise UserError(f"{VARIABLE}: {machine.address}: {said}: expected {PORTS} to be open between all machines")
 
     def _up_there(self, name: str, services: Sequence[str]) -> None:
         own = self._of(self._files_there[name], services)

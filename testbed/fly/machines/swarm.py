@@ -14,11 +14,14 @@ from docker.errors import APIError, NotFound
 from requests.exceptions import RequestException
 
 from ...errors import DockerError, UserError
+from ...plan.compose import PROJECT
 from ...plan.machines import VARIABLE
 from .reach import Daemon
 
 LABEL = "org.mqttxt.testbed"
 PORT = 2377
+CLEAR = f"docker swarm leave --force; docker rm -f $(docker ps -aqf name={PROJECT})"
+"""What ends the fleet of a machine that is alive, and was out of reach."""
 GATEWAY_BRIDGE = "docker_gwbridge"
 """What Docker makes of itself with a swarm, and does not remove."""
 NONE, ACTIVE = "inactive", "active"
@@ -127,7 +130,7 @@ def _leave(here: Any, daemons: Sequence[Daemon], asked: set[str]) -> None:
         here.swarm.leave(force=True)
         _remove_bridge(here)
     if left:
-        raise DockerError(f"{', '.join(left)}: does not answer; type there: docker swarm leave --force")
+        raise DockerError(f"{', '.join(left)}: does not answer; type there: {CLEAR}")
 
 
 def _remove_bridge(client: Any) -> None:

@@ -21,6 +21,7 @@ from testbed.fly.machines import spread as spread_module
 from testbed.fly.machines.reach import Daemon
 from testbed.fly.machines.spread import SpreadContainers
 from testbed.fly.machines.swarm import LABEL, forget, joined
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.machines import Machine
 
 _numbers = itertools.count(1)
@@ -166,7 +167,10 @@ def test_a_machine_that_cannot_join_is_named_with_the_port_that_it_needs(here: _
 
 def test_a_machine_that_is_gone_at_the_end_is_named_and_the_others_leave(here: _Docker, there: _Docker) -> None:
     lost = _Docker()
-    left = r"^/a: does not answer; type there: docker swarm leave --force$"
+    left = (
+        r"^/a: does not answer; type there: "
+        r"docker swarm leave --force; docker rm -f \$\(docker ps -aqf name=mqttxt-testbed\)$"
+    )
     with pytest.raises(DockerError, match=left), joined(here, [_daemon("a", lost), _daemon("b", there)]):
         lost.answers = False
     assert here.of is there.of is None
@@ -308,6 +312,30 @@ def test_a_container_that_ends_on_another_machine_ends_the_flight(spread: tuple[
         list(fleet.execute("gs", ["mission"], limit_s=1))
 
 
+def test_a_machine_whose_overlays_carry_nothing_is_told_which_ports_it_needs(
+    spread: tuple[SpreadContainers, _There], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, _ = spread
+    fleet._fleet, fleet._machines = standard_fleet(), [Machine("ssh://a", ("fog1",)), Machine("ssh://b", ("fog2",))]
+    asked: dict[str, list[str]] = {}
+
+    def ping(self: Containers, node: str, command: list[str]) -> str:
+        asked[node] = command
+        return f"15 packets transmitted, {int(node == 'fog1')} received"
+
+    monkeypatch.setattr(Containers, "start", lambda self, *services: None)
+    monkeypatch.setattr(Containers, "output", ping)
+    fleet.start("client1")
+    assert asked == {}
+    with pytest.raises(UserError) as error:
+        fleet.start("net", "fog1", "fog2")
+    assert str(error.value) == (
+        "MACHINES: ssh://b: no answer from net to fog2 there within 15 s: "
+        "expected UDP port 4789, and UDP and TCP port 7946, to be open between all machines"
+    )
+    assert asked["fog1"] == ["ping", "-c", "1", "-w", "15", "198.18.11.2"]
+
+
 def test_a_machine_that_cannot_be_fetched_from_or_cleared_keeps_no_other_from_it(
     spread: tuple[SpreadContainers, _There], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -348,7 +376,7 @@ def test_the_socket_of_a_far_machine_is_forwarded_and_ssh_ends_with_it(
 ) -> None:
     _ssh(tmp_path, monkeypatch, f'echo "$$ $@" > {tmp_path}/said; while [ "$1" != -L ]; do shift; done; '
          'touch "${2%%:*}"; exec sleep 60')  # fmt: skip
-    with reach._socket_of(Machine("ssh://ops@a:2222", ())) as (address, _):
+    with reach._socket_of(Machine("ssh://ops@a:2222", ())) as address:
         process, *words = (tmp_path / "said").read_text().split()
         assert address.startswith("unix:///")
         assert words[-3:] == ["-p", "2222", "ops@a"]
@@ -362,7 +390,7 @@ def test_the_socket_of_a_far_machine_is_forwarded_and_ssh_ends_with_it(
 def test_ssh_may_say_more_than_a_pipe_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reach, "OPENED_S", 5.0)
     _ssh(tmp_path, monkeypatch, 'seq 30000 >&2; while [ "$1" != -L ]; do shift; done; touch "${2%%:*}"; exec sleep 60')
-    with reach._socket_of(Machine("ssh://a", ())) as (address, _):
+    with reach._socket_of(Machine("ssh://a", ())) as address:
         assert Path(address.removeprefix("unix://")).exists()
 
 
@@ -380,24 +408,21 @@ def test_a_socket_that_ssh_does_not_forward_in_time_is_one_line(
 def test_a_far_machine_where_no_docker_may_be_used_is_told_what_was_expected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As real sshd: it takes the connection, and then says that it opens none to the socket."""
+    """As with a real sshd: ssh takes the connection, and closes it when sshd opens none to the socket."""
     opens = """import socket, sys
 listener = socket.socket(socket.AF_UNIX)
 listener.bind(sys.argv[1])
 listener.listen()
 while True:
-    connection, _ = listener.accept()
-    print("channel 2: open failed: administratively prohibited: open failed\\nbye.", file=sys.stderr, flush=True)
-    connection.close()"""
+    listener.accept()[0].close()"""
     (tmp_path / "opens.py").write_text(opens)
-    _ssh(tmp_path, monkeypatch, 'echo Only for our own people. >&2; while [ "$1" != -L ]; do shift; done; '
+    _ssh(tmp_path, monkeypatch, 'while [ "$1" != -L ]; do shift; done; '
          f'exec {sys.executable} {tmp_path}/opens.py "${{2%%:*}}"')  # fmt: skip
     with pytest.raises(UserError) as error, reach.reached([Machine("ssh://a", ())], "node"):
         pass
-    assert str(error.value) == (
-        "MACHINES: ssh://a: Docker does not answer: channel 2: open failed: administratively prohibited: open failed: "
-        "expected Docker's /var/run/docker.sock there, which this user may use and sshd may forward"
-    )
+    assert str(error.value).startswith("MACHINES: ssh://a: Docker does not answer: ")
+    expected = "this user may use and sshd forwards (AllowStreamLocalForwarding)"
+    assert str(error.value).endswith(f": expected Docker's /var/run/docker.sock there, which {expected}")
 
 
 def test_a_machine_that_ssh_does_not_reach_is_named_with_what_ssh_says(

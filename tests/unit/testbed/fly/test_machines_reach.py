@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from docker.errors import APIError, ImageNotFound
+from urllib3.exceptions import ProtocolError
 
 from testbed.errors import DockerError, UserError
 from testbed.fly import containers
@@ -32,7 +33,7 @@ class _Docker:
         told: dict[str, Any] = {"version": "20.10", "architecture": "amd64", "networks": ["bridge", "overlay"], **found}
         self.loaded: list[bytes] = []
         self.refuses = False
-        self.said: list[dict[str, str]] = []
+        self.said: list[dict[str, str] | Exception] = []
         """While an image is loaded."""
         self._name, self._image, self._told = name, image, told
         self.images = SimpleNamespace(get=self._get)
@@ -57,7 +58,10 @@ class _Docker:
         assert not quiet, "else nothing comes until the end, which a slow machine has not within the time for an answer"
         if self.refuses:
             raise APIError("no space left on device")
-        yield from self.said
+        for one in self.said:
+            if isinstance(one, Exception):
+                raise one
+            yield one
         self.loaded += chunks
         self._image = chunks[0].decode()
 
@@ -148,12 +152,15 @@ def test_the_image_is_loaded_where_it_is_missing_or_another(image: str | None, l
 def test_an_image_that_is_nowhere_or_cannot_be_loaded_is_named() -> None:
     with pytest.raises(DockerError, match=r"^node:latest: not here; type: make containers$"):
         reach._bring_image(_Docker(image=None), _daemons(_Docker("a"))[0], IMAGE)
-    there, full = _Docker("a", None), _Docker("a", None)
+    there, full, lost = _Docker("a", None), _Docker("a", None), _Docker("a", None)
     there.refuses, full.said = True, [{"status": "Loading layer"}, {"error": "no space\nleft on device"}]
     for one in (there, full):
         with pytest.raises(DockerError, match=r"^a: node:latest could not be loaded: no space left on device$"):
             reach._bring_image(_Docker(), _daemons(one)[0], IMAGE)
         assert one.loaded == []
+    lost.said = [ProtocolError("Connection broken: IncompleteRead")]
+    with pytest.raises(DockerError, match=r"^a: node:latest could not be loaded: Connection broken: IncompleteRead$"):
+        reach._bring_image(_Docker(), _daemons(lost)[0], IMAGE)
 
 
 @pytest.mark.parametrize(

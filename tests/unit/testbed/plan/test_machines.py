@@ -36,6 +36,11 @@ def test_nothing_is_spread_where_no_machine_is_named(fleet: Fleet) -> None:
     assert on_machines(plan, {}) is plan
 
 
+def test_a_machine_may_have_any_name_that_ssh_config_gives_it(fleet: Fleet) -> None:
+    (machine,) = machines_of({"MACHINES": "ssh://the_ops@lab_2.rack-1:2222"}, fleet)
+    assert machine.name == "the_ops@lab_2.rack-1:2222"
+
+
 def test_each_fog_goes_with_its_drones_to_the_machine_that_has_the_fewest(fleet: Fleet) -> None:
     first, second = machines_of(TWO, fleet)
     assert (first.name, second.name) == ("a", "/run/b.sock")
