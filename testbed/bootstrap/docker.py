@@ -84,7 +84,7 @@ def _spawn() -> subprocess.Popen[bytes]:
 
 
 def remove_stale_pid_files(files: Mapping[str, Path] = PID_FILES, processes: Path = Path("/proc")) -> None:
-    """Remove the pid files of daemons killed with their machine: dockerd takes any process with that pid for a daemon."""
+    """Remove the pid files of daemons killed with their machine: dockerd takes any process of that pid for one."""
     for program, file in files.items():
         if file.exists():
             command = processes / file.read_text().strip() / "comm"

@@ -12,14 +12,14 @@ from rich.console import Console
 
 from net.link_plan import SHAPERS
 
-from ..errors import DockerError, SchedulerEnded
+from ..errors import DockerError, Interrupted, SchedulerEnded
 from ..fly.campaign.run import fly_all
 from ..fly.campaign.targets import CERTIFICATE, Wish, plans_of
 from ..fly.flights import settings_of
 from ..fly.only_run import only_run
 from ..fly.progress import ConsoleProgress
 from ..fly.results import Series
-from ..fly.runner import Begun, Interrupted, run_series, signals_interrupt
+from ..fly.runner import Begun, run_series, signals_interrupt
 from ..fly.validity import Verdict
 from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, PROTOCOLS, Plan
 from ..plan.machines import refuse_machines

@@ -27,7 +27,8 @@ from ..fly.progress import ConsoleProgress
 from ..fly.results import new_series, open_series
 from ..fly.runner import run_series, signals_interrupt, signals_wait
 from ..numbers.metrics import measure_series, read_metrics, verdict
-from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, FACTORS, Plan, make_plan, on_machines
+from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, Plan, make_plan, on_machines
+from ..plan.factors import FACTORS
 from ..plan.fleets import fleet_of
 from ..plan.machines import refuse_machines
 from ..plan.overrides import files_of_standard_fleet, suffix

@@ -27,7 +27,8 @@ from ..fly.only_run import only_run
 from ..fly.page_process import PORT, end_page, page_port, page_url, start_page
 from ..fly.progress import ConsoleProgress
 from ..fly.results import live_attempt
-from ..plan.experiments import ARMS, FACTORS, PROTOCOLS, make_plan, one_protocol
+from ..plan.experiments import ARMS, PROTOCOLS, make_plan, one_protocol
+from ..plan.factors import FACTORS
 from ..plan.fleets import fleet_of, standard_fleet
 from ..plan.machines import refuse_machines
 from ..plan.overrides import fleet_in
@@ -103,8 +104,14 @@ def link(
 ) -> None:
     """Change a link of the fleet that is up; what is not named is as its profile says."""
     given = {
-        **{"rate": rate, "queue": queue, "delay": delay, "jitter": jitter, "loss": loss},
-        **{"duplicate": duplicate, "corrupt": corrupt, "reorder": reorder},
+        "rate": rate,
+        "queue": queue,
+        "delay": delay,
+        "jitter": jitter,
+        "loss": loss,
+        "duplicate": duplicate,
+        "corrupt": corrupt,
+        "reorder": reorder,
     }
     typed = {option: value for option, value in given.items() if value}
     fleet = fleet_in(LIVE)

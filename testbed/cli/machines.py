@@ -1,6 +1,6 @@
-"""The commands of a campaign on many machines: its certificate, its scheduler, and a machine that flies for it.
+"""The commands of a campaign on many machines: its certificate, its scheduler, and its workers.
 
-Each imports Dask by itself: on one machine alone nothing needs it.
+Dask is imported inside each command, because a campaign on one machine does not need it.
 """
 
 from __future__ import annotations
@@ -78,14 +78,14 @@ def worker(
 
 
 def fly_series(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
-    """Fly what is left of a plan's series, once no other run is going on here."""
+    """Fly the rest of a plan's series, once no other run is in progress on this machine."""
     with signals_interrupt("what was flown is kept"):
         only_run(wait=True)
     return run_series(plan, series, ConsoleProgress(make_console()), begun=begun)
 
 
 def report_beside_flights(path: Path) -> None:
-    """Measure a series and write its report, giving way to the flight of the next one."""
+    """Measure a series and write its report, at low priority beside the flight of the next series."""
     os.nice(LEAST_URGENT)
     report_series(path, make_console())
 
@@ -102,6 +102,6 @@ async def _until_a_signal(running: Coroutine[Any, Any, None]) -> None:
 
 
 def quiet() -> None:
-    """Keep Dask's log off the terminal: what it is about is said in lines of the testbed's own."""
+    """Keep Dask's log off the terminal; the testbed prints its own lines instead."""
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

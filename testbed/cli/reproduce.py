@@ -9,13 +9,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from ..errors import DockerError, ResultsError
+from ..errors import DockerError, Interrupted, ResultsError
 from ..fly.campaign.run import fly_all
 from ..fly.flights import settings_of
 from ..fly.only_run import only_run
 from ..fly.progress import ConsoleProgress
 from ..fly.results import Series
-from ..fly.runner import Begun, Interrupted, run_series, signals_interrupt
+from ..fly.runner import Begun, run_series, signals_interrupt
 from ..fly.validity import Verdict
 from ..numbers.reproduction import REPRODUCED
 from ..plan.experiments import Plan

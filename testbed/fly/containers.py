@@ -58,7 +58,7 @@ class Containers:
         daemon: str | None = None,
         files: Sequence[Path] = (),
     ) -> None:
-        """`daemon` is the address of another machine's Docker; `files` are used in place of the fleet's compose files."""
+        """`daemon` is the address of another machine's Docker; `files` replace the fleet's compose files."""
         self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
         self._files = list(files) or compose_files(settings, fleet, run_dir)
         self._timeout_s = max(HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE * len(fleet.fog_of))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -70,10 +70,6 @@ class Comparison:
     speed: float
     height_m: float | None
     off: str | None
-
-    def to_data(self) -> dict[str, Any]:
-        """The entry in metrics.json."""
-        return {**asdict(self), "changes": [asdict(change) for change in self.changes]}
 
 
 def compare_flights(attempt: Attempt) -> dict[str, Comparison]:
@@ -138,7 +134,7 @@ def compare(path: Path, events: Sequence[dict[str, Any]]) -> Comparison:
     clock_ms, speed = _steadiness(boot_s[within], host_s[within], path)
     height_m = _height_m(log, events, first, last)
     found = Comparison(_version(log), changes, round(clock_ms, 1), round(speed, 3), height_m, None)
-    return Comparison(**{**found.__dict__, "off": _off(found)})
+    return replace(found, off=_off(found))
 
 
 def _off(found: Comparison) -> str | None:

@@ -41,7 +41,8 @@ def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: Link
         "revision": revision(),
         "configuration": configuration_of(plan, settings),
         "seeds": {
-            **{"sitl": SITL_SEED, "links": links.seed},
+            "sitl": SITL_SEED,
+            "links": links.seed,
             **({"order": plan.order_seed} if plan.order_seed is not None else {}),
         },
         "shaper": "none",  # until `net` reports the shaper

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from net.link_plan import Gate
 
-from ..errors import DockerError, FleetError, ProbesLate, TestbedError, UserError
+from ..errors import DockerError, FleetError, Interrupted, LinksOff, ProbesLate, TestbedError, UserError
 from ..plan.experiments import Plan
 from ..plan.profiles.resolve import LinksPlan
 from ..plan.sensors import closed_links, gates_of
@@ -58,16 +58,6 @@ class Begun:
     repeat: int = 0
     flown: Mapping[Attempt, Verdict] = field(default_factory=dict)
     left: int = MOST_REPEATS + 1
-
-
-class Interrupted(TestbedError):
-    """Ctrl-C or SIGTERM: everything was ended, and the captures are kept."""
-
-    exit_code = 130
-
-
-class LinksOff(TestbedError):
-    """The links are not as in their profile: an attempt on them would prove nothing."""
 
 
 def run_series(
@@ -237,7 +227,7 @@ def _fleet_up(
 def _mission(
     command: list[str], limit_s: float, containers: Containers, attempt: Attempt, progress: Progress
 ) -> str | None:
-    """Fly the mission, with its output in logs/mission.log, except progress. Returns why it was not completed, or None."""
+    """Fly the mission, its output but progress in logs/mission.log. Returns why it was not completed, or None."""
     lines = containers.execute("gs", command, limit_s=limit_s)
     said = last = ""
     with (attempt.path / "logs" / "mission.log").open("w", encoding="utf-8") as log:

@@ -246,19 +246,13 @@ class FlightLogEntry(TypedDict):
     off: str | None
 
 
-class AttemptEntry(TypedDict):
-    """An attempt that counts."""
+class MissionNumbers(TypedDict):
+    """The numbers from the packets in a mission's window."""
 
-    attempt: int
-    repeat: int
-    status: str
-    reason: str | None
-    mission_s: float | None
     window: WindowEntry | None
     size_bytes: int
     packets: int
     message_loss: MessageLoss
-    wire_loss: float | None
     commands_sent: int
     states_sent: int
     messages: Messages
@@ -284,13 +278,34 @@ class AttemptEntry(TypedDict):
     foreign: dict[str, int]
     truncated: list[str]
     message_set: dict[str, KindEntry] | None
+    notes: list[str]
+
+
+class ReadingsNumbers(TypedDict):
+    """The numbers of the sensors' readings."""
+
     series: list[ReadingsEntry]
     reading_delay_ms: ReadingDelays | None
     reading_traffic: dict[str, dict[str, AmountEntry]]
     out_of_range: int
+
+
+class AttemptNumbers(MissionNumbers, ReadingsNumbers):
+    """All numbers of a mission; they are empty where none began."""
+
+    wire_loss: float | None
+    flight_logs: dict[str, FlightLogEntry]
+
+
+class AttemptEntry(AttemptNumbers):
+    """An attempt that counts."""
+
+    attempt: int
+    repeat: int
+    status: str
+    reason: str | None
+    mission_s: float | None
     outcomes: dict[str, list[OutcomeEntry]]
     links_measured: dict[str, dict[str, Any]]
-    flight_logs: dict[str, FlightLogEntry]
     cpu_s: dict[str, float]
     memory_bytes: dict[str, int]
-    notes: list[str]

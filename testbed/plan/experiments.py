@@ -12,6 +12,7 @@ from typing import Any
 from net.link_plan import SHAPERS
 
 from ..errors import UserError
+from .factors import FACTORS, Factors
 from .fleet import MOST_ROUTED, Fleet
 from .fleets import standard_fleet
 from .machines import VARIABLE, Machine, machines_of
@@ -34,45 +35,6 @@ MESSAGE_LIMIT_S = 300.0
 """The time limit of one message of each kind, which usually takes 18 s."""
 PROTOCOLS = ("mqttxt", "mavlink")
 MOST_ATTEMPTS = 99
-
-FACTORS: dict[str, tuple[str, ...]] = {
-    "streams": ("px4-onboard", "px4-gcs", "five-states"),
-    "commanding": ("one-by-one", "concurrent"),
-    "qos": ("0", "1"),
-    "chain": ("per-uav", "shared", "direct"),
-    "states": ("on-change", "fixed", "bundle"),
-    "security": ("none", "tls", "signed"),
-    "station": ("mqttxt", "mavsdk"),
-    "tcp": ("default", "lean"),
-    "air": ("tcp", "sn"),
-}
-"""Every factor with its values; its name in capitals is the variable that sets it."""
-
-
-@dataclass(frozen=True)
-class Factors:
-    """How a fleet communicates.
-
-    streams     an autopilot's own messages: one of PX4's sets, or a heartbeat and, on request, five states at 1 Hz
-    commanding  MAVLink: each call after the last one has returned, or all vehicles at once
-    qos         MQTT-XT: the QoS of commands and results, 0 or 1
-    chain       MAVLink: a chain of routers for each UAV, one that all share, or none
-    states      MQTT-XT: published on change, at a fixed 1 Hz, or at 1 Hz in bundles
-    security    MQTT-XT: none, mutual TLS with identities made for the flight, or signed messages in mutual TLS
-    station     MQTT-XT: its own API, or MAVSDK through `mqttxt gs mavlink` at the ground station
-    tcp         every node's TCP: Linux's default, or lean, that is without time stamps
-    air         MQTT-XT: between UAV and fog MQTT over TCP, or MQTT-SN over UDP
-    """
-
-    streams: str
-    commanding: str
-    qos: int
-    chain: str
-    states: str
-    security: str = "none"
-    station: str = "mqttxt"
-    tcp: str = "default"
-    air: str = "tcp"
 
 
 @dataclass(frozen=True)
@@ -202,10 +164,8 @@ def make_plan(
     for protocol in chosen:
         one_of("PROTOCOLS", protocol, PROTOCOLS)
     how_often = whole_number("ATTEMPTS", attempts, MOST_ATTEMPTS)
-    values_each, messages_each = (
-        whole_number("SAMPLES", samples, MOST_SAMPLES),
-        whole_number("COUNT", count, MOST_COUNT),
-    )
+    values_each = whole_number("SAMPLES", samples, MOST_SAMPLES)
+    messages_each = whole_number("COUNT", count, MOST_COUNT)
     factors = _factors(ARMS[arm], overrides or {})
     if factors.station == "mavsdk" and experiment in (*WITH_SENSORS, MESSAGES):
         raise UserError(f"STATION=mavsdk: expected another experiment than {experiment}, which MAVSDK cannot fly")
@@ -218,9 +178,19 @@ def make_plan(
         expected = f"drones 1 to {MOST_ROUTED} over MAVLink, whose routers have system ids as well; or PROTOCOLS=mqttxt"
         raise UserError(f"drone {max(fleet.fog_of)} of the fleet: expected {expected}")
     links = read_profile(profile)
-    flown = tuple(dict.fromkeys(chosen))
-    values = (ARMS[arm], factors, links, flown, shaper, values_each, mission, messages_each, fleet)
-    plan = Plan(experiment, how_often, *values)
+    plan = Plan(
+        experiment,
+        attempts=how_often,
+        arm=ARMS[arm],
+        factors=factors,
+        profile=links,
+        protocols=tuple(dict.fromkeys(chosen)),
+        shaper=shaper,
+        samples=values_each,
+        mission=mission,
+        count=messages_each,
+        fleet=fleet,
+    )
     resolve(links, plan.topology, experiment, 1, plan.limit_s)  # so that a link that does not exist is an error now
     return plan
 

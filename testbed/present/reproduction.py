@@ -91,7 +91,13 @@ def print_reproduction(headline: Headline, flown: Sequence[Flown], console: Cons
     """Print a table for each cell, then the attempts that do not count, then the verdict."""
     for one in flown:
         table = Table(
-            *("", "published", "margin", "found", "95 % interval", "of", "verdict"),
+            "",
+            "published",
+            "margin",
+            "found",
+            "95 % interval",
+            "of",
+            "verdict",
             title=f"\n{one.cell.name}",
             title_justify="left",
             box=box.SIMPLE_HEAD,

@@ -60,7 +60,17 @@ def measure_ways(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNo
         at_s = round(place * EVERY_S / len(nodes), 6)
         ends = ((NET, first, fleet.address(first)), (first, NET, fleet.gateway(first)))
         flows += [
-            Flow(2 * place + way, first, DELAY, *end, at_s, 1, EVERY_S, COUNT, SMALLEST_FRAME)
+            Flow(
+                2 * place + way,
+                first,
+                DELAY,
+                *end,
+                at_s=at_s,
+                burst=1,
+                every_s=EVERY_S,
+                count=COUNT,
+                frame_bytes=SMALLEST_FRAME,
+            )
             for way, end in enumerate(ends)
         ]
     schedule = Schedule(tuple(flows), COUNT * EVERY_S + AFTER_S)

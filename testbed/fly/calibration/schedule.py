@@ -141,7 +141,19 @@ def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) ->
         fewest, most = LOAD_FRAMES
         count = min(max(fewest, min(most, math.ceil(LOAD_LOSSES / link.loss))), int(LONGEST_LOAD_S / every_s))
         at_s = round(every_s * number / len(wanted), 6)
-        flows.append(Flow(number, name, LOAD, *ends.of(name), at_s, 1, round(every_s, 9), count, SMALLEST_FRAME))
+        flows.append(
+            Flow(
+                number,
+                name,
+                LOAD,
+                *ends.of(name),
+                at_s=at_s,
+                burst=1,
+                every_s=round(every_s, 9),
+                count=count,
+                frame_bytes=SMALLEST_FRAME,
+            )
+        )
     length_s = max((_arrived_s(flow, plan.links[flow.link]) for flow in flows), default=0.0)
     return Schedule(tuple(flows), round(length_s, 3))
 
@@ -204,7 +216,17 @@ def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: s
     count = math.ceil(lasts_s / every_s / arriving(link))
     if link.shared_with is not None:  # the other direction's probes are sent halfway between
         phase = 0.5 * name.endswith(f":{DOWN}")
-    return Flow(number, name, DELAY, *ends, round(phase * every_s, 6), 1, round(every_s, 6), count, SMALLEST_FRAME)
+    return Flow(
+        number,
+        name,
+        DELAY,
+        *ends,
+        at_s=round(phase * every_s, 6),
+        burst=1,
+        every_s=round(every_s, 6),
+        count=count,
+        frame_bytes=SMALLEST_FRAME,
+    )
 
 
 def _rate_groups(plan: LinksPlan, names: list[str]) -> Iterator[list[str]]:
@@ -225,13 +247,26 @@ def _rate_flow(
     if not _can_fill(link):
         wanted = int(80 * link.jitter_us / 1e6 / _sending_s(link, SMALLEST_RATE_FRAME))
         count = min(link.queue_packets, max(FEWEST_FRAMES, min(wanted, 1_000)))
-        return Flow(number, name, RATE, *ends, at_s, count, 0.0, count, SMALLEST_RATE_FRAME)
+        return Flow(
+            number, name, RATE, *ends, at_s=at_s, burst=count, every_s=0.0, count=count, frame_bytes=SMALLEST_RATE_FRAME
+        )
     size, frames = _rate_size(link)
     frames = max(frames, math.ceil(briefest_s / _sending_s(link, size)))
     every_s = _sending_s(link, size) / OFFER
     burst = math.ceil(OVERFILL * link.queue_packets) + SPARE_FRAMES
     count = burst + math.ceil(frames * OFFER)
-    return Flow(number, name, RATE, *ends, at_s, burst, round(every_s, 9), count, size, overfills=True)
+    return Flow(
+        number,
+        name,
+        RATE,
+        *ends,
+        at_s=at_s,
+        burst=burst,
+        every_s=round(every_s, 9),
+        count=count,
+        frame_bytes=size,
+        overfills=True,
+    )
 
 
 def _can_fill(link: LinkPlan) -> bool:

@@ -13,7 +13,11 @@ from ..results import Attempt, attempt_of
 from ..resume import amount_in, amount_of
 
 NOMINAL_S = {
-    **{"scenario-1": 80.0, "scenario-2": 150.0, "scenario-3": 65.0, "scenario-4": 190.0, "scenario-5": 260.0},
+    "scenario-1": 80.0,
+    "scenario-2": 150.0,
+    "scenario-3": 65.0,
+    "scenario-4": 190.0,
+    "scenario-5": 260.0,
     MESSAGES: 60.0,
 }
 """The time of an attempt, with starting and ending its fleet; one's own missions count as scenario 2."""

@@ -1,4 +1,4 @@
-"""A campaign on many machines: its series are handed to workers by Dask, and arrive in the results folder here."""
+"""A campaign on many machines: Dask hands its series to workers, which push them into the results folder here."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ from uuid import uuid4
 from distributed import Client, Future, KilledWorker, Scheduler, Security, Worker, wait
 from rich.console import Console
 
-from ...errors import SchedulerEnded, UserError
+from ...errors import Interrupted, SchedulerEnded, UserError
 from ...plan.experiments import Plan
 from ..resume import next_number
-from ..runner import Interrupted
 from .estimate import in_words
 from .pushing import Arrived, Store
 from .run import Job, Steps, fly_job, job_of, name_of, said_first, said_given_up, seconds_of
 from .worker import SERIES_AT_ONCE, TOPIC, carry_out, end_flights, in_a_process, no_pages, terms
 
 RETRIES = 2
-"""How often a series is flown again elsewhere, because its worker died, or because something failed there."""
+"""How often a series is flown again on another machine after its worker died or something failed there."""
 _LOOK_S = 2.0
 _ENDED = "the scheduler has ended; what has arrived is kept"
 
@@ -31,10 +30,10 @@ _ENDED = "the scheduler has ended; what has arrived is kept"
 def fly_on_machines(
     plans: Sequence[Plan], root: Path, console: Console, steps: Steps, address: str, security: Security
 ) -> bool:
-    """`fly_all` on every worker of a scheduler; returns whether all numbers of all plans are counted.
+    """As `fly_all`, on all workers of a scheduler; returns whether all numbers of all plans are counted.
 
-    Each series is flown on one machine, whole, and begun anew where this folder has a part of it. Raises SchedulerEnded
-    when the scheduler ends.
+    Each series is flown completely on one machine; a partial series in this folder is begun anew. Raises SchedulerEnded
+    if the scheduler ends.
     """
     jobs = [job_of(plan, root) for plan in plans]
     left = [job for job in jobs if not job.done]
@@ -42,7 +41,7 @@ def fly_on_machines(
     troubles = [said for job in jobs if job.done for said in said_given_up(job.plan, job.begun)]
     for job in [job for job in left if job.series is not None and next_number(job.begun, job.plan) is None]:
         troubles += fly_job(job, root, lambda *_: [], lambda path: in_a_process(steps.report, path))[1]
-        left.remove(job)  # it was flown, and not measured yet
+        left.remove(job)  # it was flown but not measured yet
     if left:
         root.mkdir(parents=True, exist_ok=True)
         with _campaign(address, security, root) as (client, store):
@@ -53,7 +52,7 @@ def fly_on_machines(
 
 
 async def schedule(port: int, security: Security, said: Callable[[str], object]) -> None:
-    """Dask's scheduler, until this task is cancelled."""
+    """Run Dask's scheduler until this task is cancelled. Raises UserError if it cannot listen on `port`."""
     with no_pages():
         scheduler = Scheduler(
             host="0.0.0.0",
@@ -77,7 +76,7 @@ async def schedule(port: int, security: Security, said: Callable[[str], object])
 
 @contextmanager
 def _campaign(address: str, security: Security, root: Path) -> Iterator[tuple[Client, Any]]:
-    """A client, and the store that workers push to. What still flies when this ends early is ended with it."""
+    """A client, and the store that workers push to. An early end also ends the flights that are under way."""
     with Client(address, security=security) as client:
         keeper = client.sync(_keeper, address, security)
         try:
@@ -89,7 +88,7 @@ def _campaign(address: str, security: Security, root: Path) -> Iterator[tuple[Cl
 
 
 async def _keeper(address: str, security: Security) -> Worker:
-    """The worker that is here. It has what workers push to, and takes no series."""
+    """The worker on this machine. It holds the store that workers push to, and flies no series."""
     with no_pages():
         worker = Worker(
             address,
@@ -104,8 +103,8 @@ async def _keeper(address: str, security: Security) -> Worker:
 
 
 class _Flights:
-    """The series under way. Only as many are handed out as machines take at once: Dask holds a machine's death
-    against every series that waits there.
+    """The series under way. No more are handed out than machines take at once: Dask counts a machine's death against
+    every series that waits there.
     """
 
     def __init__(self, client: Client, store: Any, console: Console, root: Path, steps: Steps, address: str) -> None:
@@ -116,7 +115,7 @@ class _Flights:
         self._flying: dict[Future[Any], Job] = {}
 
     def all_of(self, left: Sequence[Job], of: int) -> list[str]:
-        """Fly them in their order, as machines are free; returns a line for what does not count."""
+        """Fly series in order, as machines become free; returns a line for each series or number that does not count."""
         self._client.subscribe_topic(TOPIC, lambda event: self._say(event[1]))
         waiting, troubles = list(left), list[str]()
         try:
@@ -157,14 +156,14 @@ class _Flights:
             return set()
 
     def _ended(self, future: Future[Any], job: Job, place: str, lacking: Sequence[Job]) -> list[str]:
-        """What there is to say of a series that does not count, or not in all its numbers."""
+        """Report an ended series; returns lines if it does not count, or not in all its numbers."""
         try:
             found = future.result()
         except KilledWorker:
             said = f"{name_of(job.plan)}: {RETRIES + 1} workers ended while they flew it"
         except CancelledError:
             raise
-        except Exception as error:  # noqa: BLE001 - whatever a machine raises ends its series alone
+        except Exception as error:  # noqa: BLE001 - an error on a machine ends only its series
             said = f"{name_of(job.plan)}: {error}"
         else:
             if isinstance(found, Arrived):
@@ -181,7 +180,7 @@ class _Flights:
         return f"; {in_words(seconds_of(lacking, self._root) / max(1, self._machines()))} left"
 
     def _machines(self) -> int:
-        """How many workers fly for this campaign; says who came, who went, and who cannot fly for it."""
+        """Count the workers that fly for this campaign; prints which came, left, or cannot fly for it."""
         if self._client.status != "running":
             raise ConnectionError(_ENDED)
         workers = self._client.scheduler_info()["workers"].values()

@@ -75,7 +75,7 @@ class Store:
         return self._there.get(name)
 
     def begin(self, series: str, files: tuple[File, ...]) -> str:
-        """Announce a series' files; returns the token for the calls that follow. Raises ResultsError for a wrong path."""
+        """Announce a series' files; returns the token for the calls that follow. Raises ResultsError for a bad path."""
         if not _is_a_series(series):
             raise ResultsError(f"pushed: {series!r}: expected EXPERIMENT/ARM-PROFILE/TIME")
         wrong = [file.path for file in files if not _is_below(file.path)]

@@ -91,7 +91,7 @@ def carry_out(plan: Plan, name: str, actor: Any, steps: Steps) -> Arrived | str:
     there: Arrived | None = store.there(name)
     if there is not None:
         return there
-    fly, report = _as_task(_flight, steps.fly, **{FLIGHT: 1}), _as_task(in_a_process, steps.report)
+    fly, report = _as_task(_flight, steps.fly, needs={FLIGHT: 1}), _as_task(in_a_process, steps.report, needs={})
     try:
         series, troubles = fly_job(_job(plan, home.root), home.root, fly, report)
     except (UserError, ResultsError) as error:
@@ -186,8 +186,8 @@ def _job(plan: Plan, root: Path) -> Job:
     return job
 
 
-def _as_task(call: Callable[..., Any], function: Callable[..., Any], **needs: float) -> Callable[..., Any]:
-    """Make a step a task of its own, on this worker."""
+def _as_task(call: Callable[..., Any], function: Callable[..., Any], needs: dict[str, float]) -> Callable[..., Any]:
+    """Make a step a task of its own on this worker, of whose resources it needs `needs`."""
 
     def step(*words: Any) -> Any:
         here, key = [get_worker().address], f"{function.__name__}-{uuid4().hex}"

@@ -9,8 +9,16 @@ from scapy.fields import Field
 from scapy.packet import Packet
 
 FORMATS = {
-    **{"int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I"},
-    **{"int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d"},
+    "int8_t": "b",
+    "uint8_t": "B",
+    "int16_t": "h",
+    "uint16_t": "H",
+    "int32_t": "i",
+    "uint32_t": "I",
+    "int64_t": "q",
+    "uint64_t": "Q",
+    "float": "f",
+    "double": "d",
 }
 """struct's letter for each type of common.xml except char."""
 

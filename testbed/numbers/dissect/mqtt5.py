@@ -224,12 +224,10 @@ class Auth(MQTT):
     fields_desc = packet_fields(15, 0, *reason_and_properties(0, REASONS))
 
 
-KINDS.update(
-    {
-        **{1: Connect, 2: Connack, 3: Publish, 4: Puback, 5: Pubrec, 6: Pubrel, 7: Pubcomp, 8: Subscribe, 9: Suback},
-        **{10: Unsubscribe, 11: Unsuback, 12: Pingreq, 13: Pingresp, 14: Disconnect, 15: Auth},
-    }
-)
+KINDS.update({
+    1: Connect, 2: Connack, 3: Publish, 4: Puback, 5: Pubrec, 6: Pubrel, 7: Pubcomp, 8: Subscribe, 9: Suback,
+    10: Unsubscribe, 11: Unsuback, 12: Pingreq, 13: Pingresp, 14: Disconnect, 15: Auth,
+})  # fmt: skip
 
 
 def topic_of(publish: Publish, aliases: dict[int, str]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from typing import Any, cast
+from typing import Any
 
 import polars as pl
 
@@ -12,7 +12,7 @@ from ...fly import flight_logs
 from ...fly.observations import uncaptured
 from ...fly.results import Attempt
 from ...fly.validity import COMPLETED, Verdict
-from ..attempt_entry import AttemptEntry, KindOfMessages, OutcomeEntry
+from ..attempt_entry import AttemptEntry, AttemptNumbers, FlightLogEntry, KindOfMessages, MissionNumbers, OutcomeEntry
 from ..observed import observe_attempt
 from ..packets import Packets, load
 from . import delays, mavlink, mqttxt, readings, timeline
@@ -40,24 +40,26 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict
         raise ResultsError(f"{attempt.key_log}: expected {expected}")
     window = mission_window(attempt, events, packets)
     flights = flight_logs.compare_flights(attempt) if completed else {}
-    measured = {
+    not_flown: AttemptNumbers = {**NOT_FLOWN, "notes": list(shaping.notes)}
+    entry: AttemptEntry = {
         "attempt": attempt.number,
         "repeat": attempt.repeat,
-        **verdict.to_data(),
+        "status": verdict.status,
+        "reason": verdict.reason,
         "mission_s": round(window.seconds, 3) if window is not None and completed else None,
         **(
-            NOT_FLOWN | {"notes": list(shaping.notes)}
+            not_flown
             if packets is None or window is None
             else _measured(attempt, manifest, packets, window, events, shaping)
         ),
         **readings.measure(attempt, manifest, packets, window, shaping),
         "outcomes": outcomes(events),
         "links_measured": shaping.measured,
-        "flight_logs": {node: found.to_data() for node, found in flights.items()},
+        "flight_logs": {node: _flight_log(found) for node, found in flights.items()},
         "cpu_s": manifest.get("cpu_s", {}),
         "memory_bytes": manifest.get("memory_bytes", {}),
+        "wire_loss": None,
     }
-    entry = cast("AttemptEntry", measured)
     entry["wire_loss"] = observe_attempt(entry).frames.share
     return entry
 
@@ -69,7 +71,7 @@ def _measured(
     window: Window,
     events: list[dict[str, Any]],
     shaping: Shaping,
-) -> dict[str, Any]:
+) -> MissionNumbers:
     """The numbers from the packets in a mission's window."""
     ways = Ways(attempt.topology())
     is_mavlink = attempt.protocol == "mavlink"
@@ -125,21 +127,32 @@ def _measured(
     }
 
 
+def _flight_log(found: flight_logs.Comparison) -> FlightLogEntry:
+    return {
+        "version": found.version,
+        "changes": [{"event": one.event, "at_s": one.at_s, "late_ms": one.late_ms} for one in found.changes],
+        "clock_ms": found.clock_ms,
+        "speed": found.speed,
+        "height_m": found.height_m,
+        "off": found.off,
+    }
+
+
 def _share(kinds: dict[str, KindOfMessages]) -> float | None:
     known = sum(kind["sent"] - kind["open"] for kind in kinds.values())
     return sum(kind["lost"] for kind in kinds.values()) / known if known else None
 
 
-NOT_FLOWN: dict[str, Any] = {
-    **{"window": None, "size_bytes": 0, "packets": 0, "message_loss": {"commands": None, "states": None}},
-    **{"commands_sent": 0, "states_sent": 0, "messages": {"commands": {}, "states": {}}, "wire_loss": None},
-    **{"losses": None, "delay_ms": {}, "delay_app_ms": {}, "delay_received_ms": {}, "state_delay_ms": {}},
-    **{"frames_per_call": {}, "message_sizes": {}, "size_histogram": {}, "layers": {}, "purposes": {}},
-    **{"retransmissions": {"packets": 0, "bytes": 0, "needless": 0, "links": {}}, "load": {}, "traffic": {}},
-    **{"mqtt": {}, "mavlink": None, "links": {}, "links_events": []},
-    **{"before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": [], "message_set": None},
-    **{"series": [], "reading_delay_ms": None, "reading_traffic": {}, "out_of_range": 0, "flight_logs": {}},
-}
+NOT_FLOWN: AttemptNumbers = {
+    "window": None, "size_bytes": 0, "packets": 0, "message_loss": {"commands": None, "states": None},
+    "commands_sent": 0, "states_sent": 0, "messages": {"commands": {}, "states": {}}, "wire_loss": None,
+    "losses": None, "delay_ms": {}, "delay_app_ms": {}, "delay_received_ms": {}, "state_delay_ms": {},
+    "frames_per_call": {}, "message_sizes": {}, "size_histogram": {}, "layers": {}, "purposes": {},
+    "retransmissions": {"packets": 0, "bytes": 0, "needless": 0, "links": {}}, "load": {}, "traffic": {},
+    "mqtt": {}, "mavlink": None, "links": {}, "links_events": [],
+    "before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": [], "message_set": None,
+    "series": [], "reading_delay_ms": None, "reading_traffic": {}, "out_of_range": 0, "flight_logs": {}, "notes": [],
+}  # fmt: skip
 """The numbers of an attempt whose mission never began."""
 
 

@@ -15,7 +15,7 @@ from .ways import STATION, Ways
 from .window import Window
 
 SENT = pl.Schema({
-    **{"name": pl.String(), "drone": pl.Int64(), "t_ns": pl.Int64(), "arrived_ns": pl.Int64(), "frame": pl.Int64()},
+    "name": pl.String(), "drone": pl.Int64(), "t_ns": pl.Int64(), "arrived_ns": pl.Int64(), "frame": pl.Int64(),
 })  # fmt: skip
 """A row for each message sent: the name of the command or state, the drone that it is sent to or by, when its first
 frame left its origin (null: never), when its first copy reached the far end (null: never), and the row of that first

@@ -17,8 +17,10 @@ from .ways import STATION, Ways
 from .window import MAV_CMD_ARM, Window
 
 STATE_MESSAGES = {
-    **{"BATTERY_STATUS": "battery", "GLOBAL_POSITION_INT": "location"},
-    **{"VFR_HUD": "groundspeed", "HEARTBEAT": "flight_mode"},
+    "BATTERY_STATUS": "battery",
+    "GLOBAL_POSITION_INT": "location",
+    "VFR_HUD": "groundspeed",
+    "HEARTBEAT": "flight_mode",
 }
 """The state that each message carries; GLOBAL_POSITION_INT carries the heading too and counts once."""
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
@@ -158,7 +160,10 @@ def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> pl.DataFrame:
     states = messages.filter(pl.col("kind").cast(pl.String).is_in(list(STATE_MESSAGES))).with_columns(_key())
     own = states.filter(_by_its_drone(ways)).select(
         pl.col("kind").cast(pl.String).replace_strict(STATE_MESSAGES, return_dtype=pl.String).alias("name"),
-        *("key", "t_ns", "frame", pl.col("system").alias("drone")),
+        "key",
+        "t_ns",
+        "frame",
+        pl.col("system").alias("drone"),
     )
     arrived = states.filter(
         pl.col("link").cast(pl.String).is_in(ways.entering(STATION)), pl.col("left_ns").is_not_null()

@@ -12,8 +12,11 @@ from .mqttxt import kind_of, state_keys
 from .ways import STATION, Ways
 
 STATE_MESSAGE = {
-    **{"battery": "BATTERY_STATUS", "location": "GLOBAL_POSITION_INT", "groundspeed": "VFR_HUD"},
-    **{"flight_mode": "HEARTBEAT", "heading": "GLOBAL_POSITION_INT"},
+    "battery": "BATTERY_STATUS",
+    "location": "GLOBAL_POSITION_INT",
+    "groundspeed": "VFR_HUD",
+    "flight_mode": "HEARTBEAT",
+    "heading": "GLOBAL_POSITION_INT",
 }
 """The message that carries each state over MAVLink; one carries both location and heading."""
 SETPOINTS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET")

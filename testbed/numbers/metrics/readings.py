@@ -16,7 +16,7 @@ from mqttxt.protocol.readings import UNITS, ReadingMessage
 
 from ...errors import ResultsError
 from ...fly.results import Attempt, read_json_lines
-from ..attempt_entry import AmountEntry, ReadingDelays, ReadingsEntry, Summary
+from ..attempt_entry import AmountEntry, ReadingDelays, ReadingsEntry, ReadingsNumbers, Summary
 from ..packets import Packets
 from .delays import summary
 from .shaping import Shaping
@@ -73,19 +73,19 @@ class Readings:
 
 def measure(
     attempt: Attempt, manifest: dict[str, Any], packets: Packets | None, window: Window | None, shaping: Shaping
-) -> dict[str, Any]:
+) -> ReadingsNumbers:
     """Measure the readings for `metrics.json`: series, delays, the frames that carried them, and the frames lost at a
     closed sensor link. Raises ResultsError if a sensor's record cannot be read.
     """
-    readings = readings_of(attempt, packets)
-    if readings is None:
-        return {"series": [], "reading_delay_ms": None, "reading_traffic": {}, "out_of_range": 0}
-    samples = int(manifest["configuration"].get("SAMPLES") or 0)
-    found = {"series": series_of(readings, sensors_of(attempt), samples), "reading_delay_ms": delays_ms(readings)}
-    if packets is None or window is None:
-        return {**found, "reading_traffic": {}, "out_of_range": 0}
-    unreached = out_of_range(packets, window, shaping.events)
-    return {**found, "reading_traffic": carried(packets, window), "out_of_range": unreached}
+    found: ReadingsNumbers = {"series": [], "reading_delay_ms": None, "reading_traffic": {}, "out_of_range": 0}
+    if (readings := readings_of(attempt, packets)) is not None:
+        samples = int(manifest["configuration"].get("SAMPLES") or 0)
+        found["series"] = series_of(readings, sensors_of(attempt), samples)
+        found["reading_delay_ms"] = delays_ms(readings)
+        if packets is not None and window is not None:
+            found["reading_traffic"] = carried(packets, window)
+            found["out_of_range"] = out_of_range(packets, window, shaping.events)
+    return found
 
 
 def readings_of(attempt: Attempt, packets: Packets | None) -> Readings | None:
@@ -106,9 +106,15 @@ def readings_of(attempt: Attempt, packets: Packets | None) -> Readings | None:
                 wrong[event["drone"], *values] = (event["drone"], event["sensor"], str(event["kind"]))
     found = [
         Measured(
-            *(key[0], key[1], str(reading["kind"]), str(reading["unit"])),
-            *(float(reading["value"]), int(reading["time_ms"])),
-            *(left.get(key), arrived.get(key), told.get(key)),
+            drone=key[0],
+            sensor=key[1],
+            kind=str(reading["kind"]),
+            unit=str(reading["unit"]),
+            value=float(reading["value"]),
+            time_ms=int(reading["time_ms"]),
+            left_ns=left.get(key),
+            arrived_ns=arrived.get(key),
+            told_ns=told.get(key),
         )
         for key, reading in written.items()
     ]

@@ -148,10 +148,19 @@ def _void(attempt: Attempt, verdict: Verdict, load: float | None) -> VoidEntry:
 
 
 def _without_numbers(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict, note: str) -> AttemptEntry:
-    used = {name: manifest.get(name, {}) for name in ("cpu_s", "memory_bytes")}
-    head = {"attempt": attempt.number, "repeat": attempt.repeat, **verdict.to_data(), "mission_s": None}
-    entry = {**head, **NOT_FLOWN, "notes": [note], "outcomes": {}, "links_measured": {}, **used}
-    return cast("AttemptEntry", entry)
+    return {
+        "attempt": attempt.number,
+        "repeat": attempt.repeat,
+        "status": verdict.status,
+        "reason": verdict.reason,
+        "mission_s": None,
+        **NOT_FLOWN,
+        "notes": [note],
+        "outcomes": {},
+        "links_measured": {},
+        "cpu_s": manifest.get("cpu_s", {}),
+        "memory_bytes": manifest.get("memory_bytes", {}),
+    }
 
 
 def _relative(series: Series, error: ResultsError) -> str:

@@ -19,6 +19,7 @@ from ...fly.results import (
     read_json,
     read_json_lines,
 )
+from ..attempt_entry import LinkEvent
 from .window import Window
 
 
@@ -47,16 +48,18 @@ class Shaping:
             return None
         return next((int(event["t_ns"]) for event in self.events if event.get("event") == "start"), None)
 
-    def events_since(self, window: Window) -> list[dict[str, Any]]:
+    def events_since(self, window: Window) -> list[LinkEvent]:
         """The changes of links, with `t_s`, seconds since the window's start, in place of the clock's time."""
         return [
-            {"t_s": round((event["t_ns"] - window.start_ns) / 1e9, 3), **{k: event.get(k) for k in _OF_EVENT}}
+            {
+                "t_s": round((event["t_ns"] - window.start_ns) / 1e9, 3),
+                "link": event["link"],
+                "change": event.get("change"),
+                "cause": event.get("cause"),
+            }
             for event in self.events
             if "link" in event
         ]
-
-
-_OF_EVENT = ("link", "change", "cause")
 
 
 def read_shaping(attempt: Attempt) -> Shaping:

@@ -52,7 +52,12 @@ def acknowledgements(frames: pl.DataFrame, carrying: pl.Expr) -> pl.DataFrame:
     among all frames that it acknowledges; a frame that carries anything else costs nothing.
     """
     mqtt = frames.filter(pl.col("protocol").cast(pl.String) == "mqtt").select(
-        *("frame", "t_ns", "left_ns", "size", "messages", "begins"),
+        "frame",
+        "t_ns",
+        "left_ns",
+        "size",
+        "messages",
+        "begins",
         *(pl.col(name).cast(pl.String) for name in ("link", "flow", "purpose")),
     )
     back = {"up": "down", "down": "up"}
@@ -69,7 +74,10 @@ def acknowledgements(frames: pl.DataFrame, carrying: pl.Expr) -> pl.DataFrame:
         .sort("at", maintain_order=True)
     )
     answers = mqtt.select(
-        *("link", "flow", pl.col("t_ns").alias("at"), pl.col("frame").alias("answer")),
+        "link",
+        "flow",
+        pl.col("t_ns").alias("at"),
+        pl.col("frame").alias("answer"),
         pl.when(pl.col("purpose") == "acknowledgement").then(pl.col("size")).otherwise(0).alias("cost"),
     ).sort("at", maintain_order=True)
     found = sent.join_asof(answers, on="at", by=["link", "flow"], strategy="forward", check_sortedness=False)

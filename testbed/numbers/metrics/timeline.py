@@ -42,7 +42,8 @@ def over_time(packets: Packets, window: Window) -> dict[str, list[int]]:
     seconds = max(1, -(-(window.end_ns - window.start_ns) // SECOND_NS))
     frames = packets.frames.filter(window.entered).select(
         pl.col("link").cast(pl.String).str.split(":").list.first().alias("of"),
-        *("size", ((pl.col("t_ns") - window.start_ns) // SECOND_NS).clip(upper_bound=seconds - 1).alias("second")),
+        "size",
+        ((pl.col("t_ns") - window.start_ns) // SECOND_NS).clip(upper_bound=seconds - 1).alias("second"),
     )
     found = {}
     for (name,), own in sorted(frames.group_by("of", maintain_order=True)):

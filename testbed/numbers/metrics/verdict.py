@@ -14,8 +14,12 @@ from ...errors import UserError
 from ..quantities import RATIOS
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
-    **{">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne},
-    **{">": operator.gt, "<": operator.lt},
+    ">=": operator.ge,
+    "<=": operator.le,
+    "==": operator.eq,
+    "!=": operator.ne,
+    ">": operator.gt,
+    "<": operator.lt,
 }
 OVER_ATTEMPTS: dict[str, Callable[[list[float]], float]] = {"median": median, "mean": mean, "min": min, "max": max}
 COUNTS = ("flown", "completed", "failed", "void")

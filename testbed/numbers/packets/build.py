@@ -176,9 +176,14 @@ def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: int | 
     protocol = headers.protocol[went_in]
     protocol[mavlink.datagram] = MAVLINK
     entered = {name: getattr(headers, name)[went_in] for name in _FROM_HEADERS} | {
-        **{"protocol": protocol, "body": (headers.body_end - headers.body)[went_in]},
-        **{"t_ns": capture.t_ns[went_in], "size": capture.sizes[went_in], "offset": capture.starts[went_in]},
-        **{"link": link[went_in], "key": key[went_in], "node": np.full(len(went_in), number)},
+        "protocol": protocol,
+        "body": (headers.body_end - headers.body)[went_in],
+        "t_ns": capture.t_ns[went_in],
+        "size": capture.sizes[went_in],
+        "offset": capture.starts[went_in],
+        "link": link[went_in],
+        "key": key[went_in],
+        "node": np.full(len(went_in), number),
         "source": tree.node_of(headers.source[went_in]),
         "destination": tree.node_of(headers.destination[went_in]),
     }

@@ -79,10 +79,19 @@ def read_headers(capture: Capture) -> Headers:
     ]
     key = _mixed([*(number.astype(np.uint64) for number in numbers), *_ends(capture.data, body, body_end)])
     return Headers(
-        **{"protocol": protocol, "source_mac": big_endian(rows, 6, 6), "source": source, "destination": destination},
-        **{"source_port": source_port, "destination_port": destination_port},
-        **{"ethernet": ethernet, "ip": ip, "transport": transport, "body": body, "body_end": body_end},
-        **{"sequence": big_endian(behind, 4, 4), "flags": behind[:, 13].astype(np.int64)},
+        protocol=protocol,
+        source_mac=big_endian(rows, 6, 6),
+        source=source,
+        destination=destination,
+        source_port=source_port,
+        destination_port=destination_port,
+        ethernet=ethernet,
+        ip=ip,
+        transport=transport,
+        body=body,
+        body_end=body_end,
+        sequence=big_endian(behind, 4, 4),
+        flags=behind[:, 13].astype(np.int64),
         key=key,
     )
 

@@ -78,8 +78,15 @@ def find_messages(data: Bytes, starts: Ints, ends: Ints) -> Messages:
     )
     crc = _little_endian(windows(data, 2, payload + length))
     return Messages(
-        **{"datagram": datagram, "version": version, "identity": identity, "system": system, "component": component},
-        **{"sequence": sequence, "crc": crc, "size": size, "payload_size": length},
+        datagram=datagram,
+        version=version,
+        identity=identity,
+        system=system,
+        component=component,
+        sequence=sequence,
+        crc=crc,
+        size=size,
+        payload_size=length,
         **_contents(data, identity, payload, length),
     )
 
@@ -125,7 +132,9 @@ def _target_offset(identity: int) -> int | None:
 
 _TYPE_SIZES = {
     **{f"{sign}int{bits}_t": bits // 8 for sign in ("", "u") for bits in (8, 16, 32, 64)},
-    **{"char": 1, "float": 4, "double": 8},
+    "char": 1,
+    "float": 4,
+    "double": 8,
 }
 
 

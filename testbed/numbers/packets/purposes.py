@@ -12,7 +12,9 @@ connections and clocks; acknowledgements of TCP, of MQTT and of readings; all ot
 """
 _COMMAND, _RESULT, _STATE, _PRESENCE, _SENSOR, _UPKEEP, _ACKNOWLEDGEMENT, _OTHER = PURPOSES
 _TOPIC_ENDS = {
-    **{"commands": _COMMAND, "states": _STATE, "sensor_ack": _ACKNOWLEDGEMENT},
+    "commands": _COMMAND,
+    "states": _STATE,
+    "sensor_ack": _ACKNOWLEDGEMENT,
     **dict.fromkeys(("reachable", "QoDS", "PSMI", "birth", "stations"), _PRESENCE),
     **dict.fromkeys(("clock", "init_connect", "control"), _UPKEEP),
 }
@@ -20,8 +22,10 @@ _TOPIC_MIDDLES = {"commands": _COMMAND, "commands_result": _RESULT, "state": _ST
 _ACKS = ("puback", "pubrec", "pubrel", "pubcomp")
 _MAVLINK = {
     **dict.fromkeys(("COMMAND_LONG", "COMMAND_INT", "COMMAND_CANCEL", "SET_MODE", "MANUAL_CONTROL"), _COMMAND),
-    **{"SET_ATTITUDE_TARGET": _COMMAND, "SET_POSITION_TARGET_LOCAL_NED": _COMMAND},
-    **{"SET_POSITION_TARGET_GLOBAL_INT": _COMMAND, "COMMAND_ACK": _RESULT},
+    "SET_ATTITUDE_TARGET": _COMMAND,
+    "SET_POSITION_TARGET_LOCAL_NED": _COMMAND,
+    "SET_POSITION_TARGET_GLOBAL_INT": _COMMAND,
+    "COMMAND_ACK": _RESULT,
     **dict.fromkeys(("PING", "TIMESYNC", "SYSTEM_TIME", "AUTOPILOT_VERSION", "PROTOCOL_VERSION"), _UPKEEP),
     **dict.fromkeys(("REQUEST_DATA_STREAM", "LINK_NODE_STATUS", "COMPONENT_INFORMATION"), _UPKEEP),
     **dict.fromkeys(("PARAM_REQUEST_READ", "PARAM_REQUEST_LIST", "PARAM_VALUE", "PARAM_SET"), _UPKEEP),

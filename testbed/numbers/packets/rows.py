@@ -19,18 +19,18 @@ Columns = dict[str, npt.NDArray[Any]]
 _CAT = pl.Categorical()
 _INT = pl.Int64()
 FRAME_SCHEMA = pl.Schema({
-    **{"t_ns": _INT, "left_ns": _INT, "link": _CAT, "source": _CAT, "destination": _CAT, "size": _INT},
-    **{"ethernet": _INT, "ip": _INT, "transport": _INT, "tls": _INT},
-    **{"protocol_bytes": _INT, "payload": _INT},
-    **{"protocol": _CAT, "flow": _CAT, "messages": _INT, "kind": _CAT, "key": pl.UInt64()},
-    **{"node": _CAT, "offset": _INT, "purpose": _CAT, "repeats": _CAT, "lost": pl.Boolean(), "begins": _INT},
+    "t_ns": _INT, "left_ns": _INT, "link": _CAT, "source": _CAT, "destination": _CAT, "size": _INT,
+    "ethernet": _INT, "ip": _INT, "transport": _INT, "tls": _INT,
+    "protocol_bytes": _INT, "payload": _INT,
+    "protocol": _CAT, "flow": _CAT, "messages": _INT, "kind": _CAT, "key": pl.UInt64(),
+    "node": _CAT, "offset": _INT, "purpose": _CAT, "repeats": _CAT, "lost": pl.Boolean(), "begins": _INT,
 })  # fmt: skip
 MESSAGE_SCHEMA = pl.Schema({
-    **{"frame": _INT, "t_ns": _INT, "left_ns": _INT, "link": _CAT, "protocol": _CAT, "kind": _CAT, "bytes": _INT},
-    **{"copies": _INT, "topic": pl.String(), "body": pl.Binary(), "version": _INT, "system": _INT},
-    **{"component": _INT, "sequence": _INT, "crc": _INT, "target_system": _INT, "command": _INT},
+    "frame": _INT, "t_ns": _INT, "left_ns": _INT, "link": _CAT, "protocol": _CAT, "kind": _CAT, "bytes": _INT,
+    "copies": _INT, "topic": pl.String(), "body": pl.Binary(), "version": _INT, "system": _INT,
+    "component": _INT, "sequence": _INT, "crc": _INT, "target_system": _INT, "command": _INT,
     **dict.fromkeys(("param1", "param2", "param3"), pl.Float32()),
-    **{"purpose": _CAT},
+    "purpose": _CAT,
 })  # fmt: skip
 _OWN = {name: kind for name, kind in MESSAGE_SCHEMA.items() if name not in ("t_ns", "link", "purpose")}
 """The columns that come from a message itself, not from its frame; the purpose is derived from them."""
@@ -73,8 +73,14 @@ def mqtt_rows(directions: list[Direction]) -> pl.DataFrame:
     table = pl.DataFrame(
         [(p.row, p.left_ns, "mqtt", p.kind, p.size, p.copies, p.topic, p.payload) for p in packets],
         schema={
-            **{"frame": _INT, "left_ns": _INT, "protocol": _CAT, "kind": _CAT, "bytes": _INT, "copies": _INT},
-            **{"topic": pl.String(), "body": pl.Binary()},
+            "frame": _INT,
+            "left_ns": _INT,
+            "protocol": _CAT,
+            "kind": _CAT,
+            "bytes": _INT,
+            "copies": _INT,
+            "topic": pl.String(),
+            "body": pl.Binary(),
         },
         orient="row",
     )

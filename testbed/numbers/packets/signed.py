@@ -1,4 +1,4 @@
-"""The signed content of a PUBLISH, in a fleet that signs (docs/protocol.md, section 12). Signatures are not verified."""
+"""The signed content of a PUBLISH, in a fleet that signs (docs/protocol.md, section 12). No signature is verified."""
 
 from __future__ import annotations
 

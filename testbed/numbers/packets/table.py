@@ -94,7 +94,7 @@ class Packets:
 
 
 def load(attempt: Attempt) -> Packets:
-    """Load an attempt's table, from the cache if it is up to date. Raises ResultsError for a file that is no capture."""
+    """Load an attempt's table, from the cache if up to date. Raises ResultsError for a file that is no capture."""
     sources = _sources(attempt)
     cached = _read(attempt.path, sources)
     if cached is not None:
@@ -149,6 +149,13 @@ def _packets(built: Built) -> Packets:
     foreign = Counter(strays["protocol"].cast(pl.String).to_list())
     frames = rows.head(len(rows) - len(strays))
     return Packets(
-        *(frames, messages, tuple(built.truncated), dict(sorted(foreign.items())), strays),
-        *(built.unmatched, built.duplicates, built.until_ns, built.unread),
+        frames=frames,
+        messages=messages,
+        truncated=tuple(built.truncated),
+        foreign=dict(sorted(foreign.items())),
+        strays=strays,
+        unmatched=built.unmatched,
+        duplicates=built.duplicates,
+        until_ns=built.until_ns,
+        unread=built.unread,
     )

@@ -33,7 +33,7 @@ def check_event(link: Mapping[str, Any], rule: Rule, change: Mapping[str, Any]) 
 
 
 def unfitting(link: Mapping[str, Any]) -> tuple[str, str] | None:
-    """The first figure of a link, as plan field, that does not fit the others, and what was expected; None if all fit."""
+    """The first figure of a link, as plan field, that does not fit the others, and what was expected, or None."""
     if link["rate_bps"] is not None and link["queue_packets"] is None:
         return "rate_bps", "a queue beside it, as queue: 100 packets"
     if link["rate_bps"] is None and link["queue_packets"] is not None:

@@ -51,7 +51,7 @@ class Directed:
 
     @cached_property
     def limit(self) -> int:
-        """The room for all frames that can be on the link at any time: without room a frame would be lost by mistake."""
+        """The room for all frames that can be on the link at any time: without it a frame would be lost by mistake."""
         return max(frames_in_flight(state) for _, state, _ in self.states)
 
     @property

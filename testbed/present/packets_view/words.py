@@ -20,8 +20,13 @@ from ...numbers.dissect.mavlink_fields import Number, Text
 from ...numbers.packets.signed import by_drone, inside
 
 _LEVELS = {
-    **{"fogX": r"fog\d+", "droneY": r"drone\d+", "sensorS": r"sensor\d+"},
-    **{"Z": r"(?P<state>(?:mavlink/)?[^/]+)", "C": "[^/]+", "G": "[^/]+", "K": "[^/]+"},
+    "fogX": r"fog\d+",
+    "droneY": r"drone\d+",
+    "sensorS": r"sensor\d+",
+    "Z": r"(?P<state>(?:mavlink/)?[^/]+)",
+    "C": "[^/]+",
+    "G": "[^/]+",
+    "K": "[^/]+",
 }
 """The placeholders of the topic table, as regular expressions."""
 _SHOWN_BYTES = 24

@@ -14,7 +14,7 @@ from ...numbers.quantities import DELAY, MISSION, PACKETS, SIZE
 from ...numbers.quantity import Figure, quotient
 from ...numbers.written import Metrics
 from ...plan import wording
-from ...plan.experiments import FACTORS
+from ...plan.factors import FACTORS
 from . import comparison, factors, message_set
 
 OVERRIDES = ("AUTOPILOT", "ROUTER")

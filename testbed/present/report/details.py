@@ -158,7 +158,7 @@ def roles_of(cpu: Mapping[str, Mapping[str, float]]) -> list[Role]:
 
 
 def protocols_own(roles: list[Role]) -> dict[str, float]:
-    """CPU seconds by protocol, without the containers that both sides need: autopilots, sensors, network and captures."""
+    """CPU seconds by protocol, without the containers that both sides need: autopilots, sensors, network, captures."""
     sums: dict[str, float] = {}
     for role in roles:
         if role.name not in _NOT_THE_PROTOCOLS:

@@ -6,60 +6,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ...plan import wording
-from ...plan.experiments import ARMS, FACTORS
+from ...plan.experiments import ARMS
+from ...plan.factors import FACTORS, MEANINGS
 from . import thesis
 
-_READ_BY_KEYS = (
-    "captures are of encrypted traffic, whose bytes all count; topics, losses and delays by capture are read with the "
-    "session keys that each node wrote down (tls/keys.log), and without one of these there are no numbers"
-)
-_SAID = {
-    "mqttxt": {
-        "states": {
-            "on-change": "a drone publishes a state when it changes",
-            "fixed": "a drone publishes each state once per second, each in a message of its own",
-            "bundle": "a drone publishes its states once per second, all in one message",
-        },
-        "qos": {
-            "0": "commands, results and states go at QoS 0, without MQTT's acknowledgements",
-            "1": "commands, results and states go at QoS 1: each is acknowledged on every hop",
-        },
-        "security": {
-            "none": "nothing is encrypted or signed, and the nodes have no identities",
-            "tls": f"every connection is mutual TLS 1.3, with identities made for the flight; {_READ_BY_KEYS}",
-            "signed": f"commands, words, beacons and leases are signed end to end, in mutual TLS 1.3; {_READ_BY_KEYS}",
-        },
-        "station": {
-            "mqttxt": "the ground station is a program on MQTT-XT's own API",
-            "mavsdk": "the ground station is MAVSDK, as over MAVLink, through `mqttxt gs mavlink` beside it",
-        },
-        "tcp": {
-            "default": "TCP is as Linux has it, with time stamps: 12 bytes of each frame",
-            "lean": "TCP has no time stamps",
-        },
-        "air": {
-            "tcp": "drones reach their fogs by MQTT over TCP",
-            "sn": "drones reach their fogs by MQTT-SN over UDP: a lost state is replaced by the next, not repeated",
-        },
-    },
-    "mavlink": {
-        "streams": {
-            "px4-onboard": "every drone streams PX4's onboard set, all of it to the ground station",
-            "px4-gcs": "every drone streams PX4's ground-station set",
-            "px4-normal": "every drone streams PX4's normal set",
-            "five-states": "every drone streams the five states that were asked for, at 1 Hz",
-        },
-        "commanding": {
-            "one-by-one": "one call at a time: the next begins when the last has returned",
-            "concurrent": "all drones are called at once",
-        },
-        "chain": {
-            "per-uav": "each drone has routers of its own on every node of its way",
-            "shared": "one router a node, for all drones together",
-            "direct": "no routers: datagrams are forwarded by IP over the same links",
-        },
-    },
-}
 _BROADCAST = "a command for all drones is one broadcast a fog"
 
 
@@ -92,7 +42,7 @@ def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = F
     `one_drone` leaves out how several drones are commanded.
     """
     said = []
-    for name, values in _SAID.get(protocol, {}).items():
+    for name, values in MEANINGS.get(protocol, {}).items():
         if name not in configuration or (one_drone and name == "commanding"):
             continue
         value = _value(configuration, name)

@@ -98,8 +98,13 @@ _PURPOSES_NOTE = (
 )
 PURPOSE_NAMES = ("commands and results", "states", "sensors", "presence and ranking", "upkeep", "acknowledgements")
 _OF_PURPOSE = {
-    **{"command": PURPOSE_NAMES[0], "result": PURPOSE_NAMES[0], "state": PURPOSE_NAMES[1], "sensor": PURPOSE_NAMES[2]},
-    **{"presence": PURPOSE_NAMES[3], "upkeep": PURPOSE_NAMES[4], "acknowledgement": PURPOSE_NAMES[5]},
+    "command": PURPOSE_NAMES[0],
+    "result": PURPOSE_NAMES[0],
+    "state": PURPOSE_NAMES[1],
+    "sensor": PURPOSE_NAMES[2],
+    "presence": PURPOSE_NAMES[3],
+    "upkeep": PURPOSE_NAMES[4],
+    "acknowledgement": PURPOSE_NAMES[5],
 }
 
 

@@ -40,7 +40,7 @@ def basis(metrics: Metrics) -> str | None:
 
 
 def shortfalls(metrics: Metrics) -> list[str]:
-    """A line per kind with failed calls or late values: 'MAVLink, takeoff: 3 of 100 calls were not acknowledged (…)'."""
+    """A line per kind with failed calls or late values: 'MAVLink, takeoff: 3 of 10 calls were not acknowledged (…)'."""
     said = []
     for row in rows(metrics):
         for protocol, side in row.sides.items():

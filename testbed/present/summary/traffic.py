@@ -65,7 +65,10 @@ def table(found: list[Bytes]) -> tuple[list[str], list[list[str]]]:
     headings = ["arm", "", "completed", "bytes a second", *used, *layers]
     rows = [
         [
-            *(one.arm, wording.name_of(one.protocol), one.attempts, one.a_second),
+            one.arm,
+            wording.name_of(one.protocol),
+            one.attempts,
+            one.a_second,
             *(_share(one.purposes.get(name)) for name in used),
             *(_share(one.layers[name]) for name in layers),
         ]

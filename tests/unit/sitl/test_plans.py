@@ -92,6 +92,21 @@ def test_a_copters_mission_waits_on_the_ground_and_lands(copter: Any) -> None:
     assert [message.seq for message in copter.sent("MISSION_ITEM_REACHED")] == [1, 2]
 
 
+def test_a_copters_home_counts_in_the_numbers_of_its_items_and_not_in_their_total(copter: Any) -> None:
+    def told() -> tuple[int, int, int]:
+        copter.fly(1.5)
+        seen = copter.vehicle.streamed(0, copter.autopilot.now_s)
+        message = [each for each in seen if each.get_type() == "MISSION_CURRENT"][-1]
+        return message.seq, message.total, message.mission_state
+
+    copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1e6)
+    assert told() == (0, 0, mavlink.MISSION_STATE_NO_MISSION)
+    upload(copter, [place(copter, WAYPOINT, 0, 0), *[place(copter, WAYPOINT, north_m, 8) for north_m in (10, 20, 30)]])
+    (answer,) = copter.tell(mavlink.MAVLink_mission_set_current_message(*TO, 3))
+    assert (answer.seq, answer.total) == (3, 3)
+    assert told() == (3, 3, mavlink.MISSION_STATE_NOT_STARTED)
+
+
 def test_only_one_uploads_at_a_time(drone: Any, copter: Any) -> None:
     for one, refused in ((drone, mavlink.MAV_MISSION_ERROR), (copter, mavlink.MAV_MISSION_DENIED)):
         one.tell(mavlink.MAVLink_mission_count_message(*TO, 2, MISSION))

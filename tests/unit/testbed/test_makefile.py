@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from testbed.plan.documents import ROOT
-from testbed.plan.experiments import FACTORS
+from testbed.plan.factors import FACTORS
 
 
 def _typed(*words: str, **environment: str) -> dict[str, str]:

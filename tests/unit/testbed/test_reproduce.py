@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from testbed.cli import reproduce as command
 from testbed.cli.commands import app
-from testbed.fly.runner import Interrupted
+from testbed.errors import Interrupted
 from tests.handmade.finished import attempt, finished, gave_up
 from tests.unit.testbed.plan.test_headline import CELL, LINE
 

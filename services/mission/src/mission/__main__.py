@@ -121,8 +121,14 @@ def make_fleet(options: Options, log: EventLog) -> Fleet:
         if options.protocol == "mavlink":
             from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, which MQTT-XT does not need
 
-            how = (options.commanding, options.streams, log, options.sensor_broker)
-            return MavsdkFleet(options.urls, options.fleet, *how)
+            return MavsdkFleet(
+                options.urls,
+                options.fleet,
+                commanding=options.commanding,
+                streams=options.streams,
+                log=log,
+                sensor_broker=options.sensor_broker,
+            )
         if options.gateway:
             from .gateway_fleet import GatewayFleet
 
@@ -152,8 +158,15 @@ def _make_message_fleet(options: Options, log: EventLog) -> MessageFleet:
 
 
 def _over_mqttxt(kind: type[Over], options: Options, log: EventLog) -> Over:
-    how = (options.states, options.identity, options.signed)
-    return kind(options.cloud, options.fleet, int(options.qos), log, *how)
+    return kind(
+        options.cloud,
+        options.fleet,
+        qos=int(options.qos),
+        log=log,
+        states=options.states,
+        identity=options.identity,
+        signed=options.signed,
+    )
 
 
 @contextlib.contextmanager

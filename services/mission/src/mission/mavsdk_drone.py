@@ -32,7 +32,10 @@ LOCATION_LOG_S = 0.75
 """The least time between logged locations: fifty per second are too many, and of one per second all are logged."""
 FIVE_STATES_HZ = 1.0
 _AGAIN = (
-    *(TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY),
+    TelemetryResult.TIMEOUT,
+    TelemetryResult.BUSY,
+    ActionResult.TIMEOUT,
+    ActionResult.BUSY,
     ActionResult.PARAMETER_ERROR,  # MAVSDK's Action also gives this for a parameter that did not arrive in time
 )
 

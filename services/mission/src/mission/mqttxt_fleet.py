@@ -242,8 +242,16 @@ class MqttxtFleet:
         return [result for one, result in results.items() if one in wanted]
 
     def _note(self, call: int, outcome: Outcome) -> None:
-        about = (call, outcome.command, outcome.fog, outcome.drone)
-        self._log.outcome(*about, outcome.word, outcome.reason, str(outcome.id), outcome.settled)
+        self._log.outcome(
+            call,
+            command=outcome.command,
+            fog=outcome.fog,
+            drone=outcome.drone,
+            word=outcome.word,
+            reason=outcome.reason,
+            command_id=str(outcome.id),
+            settled=outcome.settled,
+        )
 
     async def _listen(self) -> None:
         async for event in self._station.events():
@@ -292,8 +300,15 @@ def plan_of(survey: Survey) -> Plan:
 
 def _item(command: int, point: Point) -> PlanItem:
     """An item at a point above home; its heading is not set."""
-    place = (round(point.latitude_deg * 1e7), round(point.longitude_deg * 1e7), point.altitude_m)
-    return PlanItem(FRAME_RELATIVE, command, (0.0, 0.0, 0.0, None), *place, True)
+    return PlanItem(
+        frame=FRAME_RELATIVE,
+        command=command,
+        params=(0.0, 0.0, 0.0, None),
+        x=round(point.latitude_deg * 1e7),
+        y=round(point.longitude_deg * 1e7),
+        z=point.altitude_m,
+        autocontinue=True,
+    )
 
 
 def plain(value: object) -> object:

@@ -109,7 +109,14 @@ class PlainReadings:
                 topic = side.parse(message.topic)
                 if isinstance(topic, DroneTopic) and topic.kind == "sensor":
                     told = decode(ReadingMessage, message.payload)
-                    unit = checked(topic.sensor, topic.name, told).unit
-                    what = (topic.sensor, told.boot, told.seq, topic.name, told.value, unit, told.time_ms)
-                    return fog, Reading(topic.drone, *what)
+                    return fog, Reading(
+                        drone=topic.drone,
+                        sensor=topic.sensor,
+                        boot=told.boot,
+                        seq=told.seq,
+                        kind=topic.name,
+                        value=told.value,
+                        unit=checked(topic.sensor, topic.name, told).unit,
+                        time_ms=told.time_ms,
+                    )
         raise PayloadError("not a sensor's topic", "topic")

@@ -29,8 +29,14 @@ def received(message: Any) -> Happened:
 
 def acknowledgement(message: Any, result: int, progress: int = 0) -> mavlink.MAVLink_command_ack_message:
     """COMMAND_ACK to the sender of the command; `progress` in percent, 255 for unknown."""
-    source = (message.get_srcSystem(), message.get_srcComponent())
-    return mavlink.MAVLink_command_ack_message(message.command, result, progress, 0, *source)
+    return mavlink.MAVLink_command_ack_message(
+        command=message.command,
+        result=result,
+        progress=progress,
+        result_param2=0,
+        target_system=message.get_srcSystem(),
+        target_component=message.get_srcComponent(),
+    )
 
 
 def whole(value: float) -> int | None:

@@ -125,7 +125,7 @@ class Autopilot(ABC):
             self.landed, self._landed_s, self._lift_s = True, self.now_s, None
             self._out.append(Happened("landed"))
 
-    # -- what callers change --------------------------------------------------------------------------------
+    # -- changes by callers ---------------------------------------------------------------------------------
 
     @abstractmethod
     def arm(self) -> None:

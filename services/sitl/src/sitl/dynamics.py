@@ -222,7 +222,7 @@ class Battery:
 
 @dataclass
 class SimulatedBattery:
-    """PX4's simulated battery: armed, it drains in SIM_BAT_DRAIN seconds, to SIM_BAT_MIN_PCT at least; else full."""
+    """PX4's simulated battery: armed, it drains in SIM_BAT_DRAIN seconds, but not below SIM_BAT_MIN_PCT; else full."""
 
     drain_s: float
     least_pct: float

@@ -8,7 +8,7 @@ from .setpoints import SetPoint
 
 
 class Guidance:
-    """One drone's motion and aims. Positions are metres north, east and up of `origin`, where it was switched on."""
+    """One drone's motion and targets. Positions are metres north, east and up of `origin`, where it was switched on."""
 
     def __init__(self, origin: Place, parameters: Parameters) -> None:
         self.origin = origin

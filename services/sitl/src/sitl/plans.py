@@ -17,7 +17,7 @@ Partner = tuple[int, int]
 
 @dataclass(frozen=True)
 class Item:
-    """One item: `x` and `y` in degrees times 1e7 where the frame is a place on the globe."""
+    """One item: `x` and `y` are in degrees times 1e7 if the frame is a place on the globe."""
 
     frame: int
     command: int
@@ -35,9 +35,24 @@ class Item:
 
     def message(self, to: Partner, seq: int, kind: int, current: bool) -> Any:
         """As MISSION_ITEM_INT."""
+        system, component = to
+        param1, param2, param3, param4 = self.params
         return mavlink.MAVLink_mission_item_int_message(
-            *(*to, seq, self.frame, self.command, int(current), self.autocontinue),
-            *(*self.params, self.x, self.y, self.z, kind),
+            target_system=system,
+            target_component=component,
+            seq=seq,
+            frame=self.frame,
+            command=self.command,
+            current=int(current),
+            autocontinue=self.autocontinue,
+            param1=param1,
+            param2=param2,
+            param3=param3,
+            param4=param4,
+            x=self.x,
+            y=self.y,
+            z=self.z,
+            mission_type=kind,
         )
 
 

@@ -74,7 +74,7 @@ class Streams:
         return True
 
     def interval_us(self, message_id: int) -> int:
-        """GET_MESSAGE_INTERVAL: -1 stopped, 0 unknown."""
+        """A message's interval for GET_MESSAGE_INTERVAL, in microseconds: -1 stopped, 0 unknown."""
         name = self._names.get(message_id)
         if name is None:
             return 0

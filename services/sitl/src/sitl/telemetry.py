@@ -88,9 +88,17 @@ class Telemetry:
         home, origin = self._home(), self._ap.guidance.origin
         north, east = origin.metres_to(home.latitude_deg, home.longitude_deg)
         return mavlink.MAVLink_home_position_message(
-            *(round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7), round(home.altitude_m * 1000)),
-            *(north, east, origin.altitude_m - home.altitude_m, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0),
-            self._usec(),
+            latitude=round(home.latitude_deg * 1e7),
+            longitude=round(home.longitude_deg * 1e7),
+            altitude=round(home.altitude_m * 1000),
+            x=north,
+            y=east,
+            z=origin.altitude_m - home.altitude_m,
+            q=[1.0, 0.0, 0.0, 0.0],
+            approach_x=0.0,
+            approach_y=0.0,
+            approach_z=0.0,
+            time_usec=self._usec(),
         )
 
     def _attitude(self) -> Any:
@@ -102,10 +110,15 @@ class Telemetry:
     def _global_position(self) -> Any:
         place, v = self._place(), self._velocity()
         return mavlink.MAVLink_global_position_int_message(
-            self._boot_ms(),
-            *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)),
-            *(round(place.altitude_m * 1000), round((place.altitude_m - self._home().altitude_m) * 1000)),
-            *(round(v[0] * 100), round(v[1] * 100), round(-v[2] * 100), self._heading_cdeg()),
+            time_boot_ms=self._boot_ms(),
+            lat=round(place.latitude_deg * 1e7),
+            lon=round(place.longitude_deg * 1e7),
+            alt=round(place.altitude_m * 1000),
+            relative_alt=round((place.altitude_m - self._home().altitude_m) * 1000),
+            vx=round(v[0] * 100),
+            vy=round(v[1] * 100),
+            vz=round(-v[2] * 100),
+            hdg=self._heading_cdeg(),
         )
 
     def _heading_cdeg(self) -> int:
@@ -129,11 +142,20 @@ class Telemetry:
             return None
         place = self._ap.guidance.origin.offset(*self._ap.guidance.target)
         return mavlink.MAVLink_position_target_global_int_message(
-            self._boot_ms(),
-            mavlink.MAV_FRAME_GLOBAL_INT,
-            0,
-            *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), place.altitude_m),
-            *(0, 0, 0, 0, 0, -0.1, 0, 0),
+            time_boot_ms=self._boot_ms(),
+            coordinate_frame=mavlink.MAV_FRAME_GLOBAL_INT,
+            type_mask=0,
+            lat_int=round(place.latitude_deg * 1e7),
+            lon_int=round(place.longitude_deg * 1e7),
+            alt=place.altitude_m,
+            vx=0,
+            vy=0,
+            vz=0,
+            afx=0,
+            afy=0,
+            afz=-0.1,
+            yaw=0,
+            yaw_rate=0,
         )
 
     def _servo(self) -> Any:
@@ -150,17 +172,33 @@ class Telemetry:
         place, speed = self._place(), math.hypot(*self._velocity()[:2])
         altitude_mm = round(place.altitude_m * 1000)
         return mavlink.MAVLink_gps_raw_int_message(
-            *(self._usec(), mavlink.GPS_FIX_TYPE_3D_FIX),
-            *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), altitude_mm),
-            *(70, 110, round(speed * 100), self._heading_cdeg(), 12),
-            *(altitude_mm + 47_000, 700, 1100, 300, 0),
+            time_usec=self._usec(),
+            fix_type=mavlink.GPS_FIX_TYPE_3D_FIX,
+            lat=round(place.latitude_deg * 1e7),
+            lon=round(place.longitude_deg * 1e7),
+            alt=altitude_mm,
+            eph=70,
+            epv=110,
+            vel=round(speed * 100),
+            cog=self._heading_cdeg(),
+            satellites_visible=12,
+            alt_ellipsoid=altitude_mm + 47_000,
+            h_acc=700,
+            v_acc=1100,
+            vel_acc=300,
+            hdg_acc=0,
         )
 
     def _vfr_hud(self) -> Any:
         v = self._velocity()
         speed, throttle = math.hypot(v[0], v[1]), 0 if self._ap.landed else 50
         return mavlink.MAVLink_vfr_hud_message(
-            *(speed, speed, self._heading_cdeg() // 100, throttle, self._place().altitude_m, v[2])
+            airspeed=speed,
+            groundspeed=speed,
+            heading=self._heading_cdeg() // 100,
+            throttle=throttle,
+            alt=self._place().altitude_m,
+            climb=v[2],
         )
 
     def _nav(self) -> Any:
@@ -191,9 +229,17 @@ class Telemetry:
             used_mah, used_hj = round(used_wh * 1000 / battery.voltage_v), round(used_wh * 36)
             left_s = round(battery.left_wh / battery.power_w * 3600) if battery.power_w > 0 else 0
         return mavlink.MAVLink_battery_status_message(
-            *(0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 3000, cells),
-            *(self._current_ca(), used_mah, used_hj, round(battery.remaining_pct)),
-            *(left_s, mavlink.MAV_BATTERY_CHARGE_STATE_OK),
+            id=0,
+            battery_function=mavlink.MAV_BATTERY_FUNCTION_ALL,
+            type=mavlink.MAV_BATTERY_TYPE_LIPO,
+            temperature=3000,
+            voltages=cells,
+            current_battery=self._current_ca(),
+            current_consumed=used_mah,
+            energy_consumed=used_hj,
+            battery_remaining=round(battery.remaining_pct),
+            time_remaining=left_s,
+            charge_state=mavlink.MAV_BATTERY_CHARGE_STATE_OK,
         )
 
     def _origin(self) -> Any:

@@ -115,7 +115,7 @@ class Vehicle:
         return system in (0, self.config.system_id) and component in (0, 1)
 
     def _request(self, link: int, message: Any) -> list[Output]:
-        """Requests for messages and intervals: acknowledged, then answered."""
+        """Acknowledge a request for a message or an interval, then answer it."""
         wanted = whole(message.param1)
         result, answers = ACCEPTED, []
         if message.command == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
@@ -144,7 +144,17 @@ class Vehicle:
     def _version(self) -> Any:
         release = self.like.release
         return mavlink.MAVLink_autopilot_version_message(
-            *(self.like.capabilities, release, release, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, self.config.system_id)
+            capabilities=self.like.capabilities,
+            flight_sw_version=release,
+            middleware_sw_version=release,
+            os_sw_version=0,
+            board_version=0,
+            flight_custom_version=[0] * 8,
+            middleware_custom_version=[0] * 8,
+            os_custom_version=[0] * 8,
+            vendor_id=0,
+            product_id=0,
+            uid=self.config.system_id,
         )
 
     def _unmuted(self, out: list[Output]) -> list[Output]:

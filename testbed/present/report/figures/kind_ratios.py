@@ -53,7 +53,9 @@ def kind_ratios(kinds: Kinds) -> Figure | None:
         header=("kind", "what", "counted", "mqttxt", "mavlink", "ratio"),
         rows=tuple(
             (
-                *(name, what, counted),
+                name,
+                what,
+                counted,
                 *(by[what].amounts.get(counted, {}).get(p) for p in ("mqttxt", "mavlink")),
                 _rounded(getattr(by[what], counted)),
             )

@@ -13,7 +13,7 @@ _LINE, _HEAD = 22.0, 30.0
 
 
 def margins(lines: Sequence[tuple[str, str, Judged]]) -> Figure:
-    """The figure of (cell, name, judged line); lines published as 0 do not fit on the scale, and are only in the data."""
+    """The figure of (cell, name, judged line); lines published as 0 do not fit the scale and are only in the data."""
     table: list[tuple[Value, ...]] = []
     for cell, name, judged in lines:
         found = judged.estimate

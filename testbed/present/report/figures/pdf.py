@@ -8,18 +8,11 @@ from .draw import Dot, Drawing, Text, diamond
 
 INCHES = 7.0
 LIGHT = {
-    **{"ink": "#000000", "soft": "#444444", "faint": "#777777", "edge": "#cccccc", "wash": "#f0f0f0"},
-    **{"paper": "#ffffff", "good": "#14663c", "bad": "#a01f18", "mqttxt": "#0b6a66", "mavlink": "#b8500a"},
-    **{
-        "l0": "#17324d",
-        "l1": "#2f6690",
-        "l2": "#6fa3c7",
-        "l3": "#acc8da",
-        "l4": "#d9e4ea",
-        "l5": "#b9b2a3",
-        "l6": "#d8cfbd",
-    },
-}
+    "ink": "#000000", "soft": "#444444", "faint": "#777777", "edge": "#cccccc", "wash": "#f0f0f0",
+    "paper": "#ffffff", "good": "#14663c", "bad": "#a01f18", "mqttxt": "#0b6a66", "mavlink": "#b8500a",
+    "l0": "#17324d", "l1": "#2f6690", "l2": "#6fa3c7", "l3": "#acc8da", "l4": "#d9e4ea", "l5": "#b9b2a3",
+    "l6": "#d8cfbd",
+}  # fmt: skip
 _FONT = 0.9
 """The factor on text sizes: matplotlib's font DejaVu is wider than the page's fonts."""
 

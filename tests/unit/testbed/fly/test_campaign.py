@@ -16,14 +16,14 @@ from typer.testing import CliRunner
 
 from testbed.cli import campaign as campaign_cli
 from testbed.cli.commands import app
-from testbed.errors import DockerError, UserError
+from testbed.errors import DockerError, Interrupted, UserError
 from testbed.fly import manifest, resume
 from testbed.fly.campaign import run
 from testbed.fly.campaign.estimate import Durations, in_words
 from testbed.fly.campaign.run import fly_all, job_of
 from testbed.fly.campaign.targets import Wish, plans_of
 from testbed.fly.results import METRICS, Series, read_json, write_json
-from testbed.fly.runner import Begun, Interrupted, run_series
+from testbed.fly.runner import Begun, run_series
 from testbed.fly.validity import Verdict
 from testbed.plan.experiments import ARMS, EXPERIMENTS, Plan
 from testbed.plan.fleets import FLEET_FILE

@@ -96,7 +96,7 @@ def test_every_drone_with_a_log_is_compared_and_the_first_that_is_off_is_named(a
     found = compare_flights(attempt)
     assert list(found) == ["uav1"]
     assert against(attempt) is None
-    assert json.loads(json.dumps(found["uav1"].to_data()))["changes"][0]["event"] == "armed"
+    assert found["uav1"].changes[0].event == "armed"
     _write_events(attempt.path, events_of(Flight(), armed=-900.0))
     assert str(against(attempt)).startswith("uav1: events and flight log disagree: armed -901 ms")
 

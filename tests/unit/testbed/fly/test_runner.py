@@ -14,12 +14,20 @@ from typing import Any
 
 import pytest
 
-from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, ProbesLate, TestbedError, UserError
+from testbed.errors import (
+    ContainerDied,
+    ContainerUnhealthy,
+    DockerError,
+    Interrupted,
+    ProbesLate,
+    TestbedError,
+    UserError,
+)
 from testbed.fly import flight_logs, runner
 from testbed.fly.calibration.calibrate import Calibration
 from testbed.fly.quiet import Waited
 from testbed.fly.results import Attempt, Series, new_series, read_json
-from testbed.fly.runner import Interrupted, run_series
+from testbed.fly.runner import run_series
 from testbed.fly.validity import WATCHED, Verdict
 from testbed.plan.experiments import Plan, make_plan
 from tests.handmade.made_up_fleet import CALIBRATED, OFF, Fleet, Quiet

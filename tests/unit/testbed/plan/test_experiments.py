@@ -14,7 +14,8 @@ from testbed.fly.flights import by_hand, mission_command, profile_of, remove_soc
 from testbed.fly.links import plan_links
 from testbed.plan.compose import COMPOSE_FILE
 from testbed.plan.documents import ROOT
-from testbed.plan.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
+from testbed.plan.experiments import ARMS, Plan, make_plan, one_protocol
+from testbed.plan.factors import FACTORS, Factors
 from testbed.plan.fleets import fleet_of
 from testbed.plan.identities import making
 from testbed.plan.profiles.reading import profile_names

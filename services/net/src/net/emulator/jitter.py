@@ -98,7 +98,7 @@ def _smooth(distribution: str, jitter_ns: int, seed: int, name: str) -> Jitter:
 
 @cache
 def _shuffled(distribution: str, seed: int, name: str) -> tuple[float, ...]:
-    """Every quantile once, shuffled by the seed. It is cached, as an event that changes the jitter must take no time."""
+    """Every quantile once, shuffled by the seed. Cached: an event that changes the jitter must take no time."""
     values = list(_quantiles(distribution))
     generator(seed, name, "jitter").shuffle(values)
     return tuple(values)

@@ -119,7 +119,7 @@ class _Listener:
             self._channel.send({"done": time.time_ns(), "events": self._do(order)})
 
     def _do(self, order: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Carry out an order; returns the profile's event that is in force again, if the order ends a change by hand."""
+        """Carry out an order; returns the profile's event that is in force again, if it ends a change by hand."""
         if "start_ns" in order:
             self._start(self._shaper.since_zero_ns(order["start_ns"]))
             return []

@@ -60,7 +60,7 @@ class Attendant:
         _write(folder / "shaper.json", {**choice.to_data(), **_machine(), "checked": checked})
 
     def serve(self, path: Path) -> dict[socket, Callable[[], None]]:
-        """Begin to accept changes by hand; returns the sockets to watch, with the function to call if one is readable."""
+        """Begin to accept changes by hand; returns the sockets to watch, each with its function to call if readable."""
         self._server = Server(path, self._answer)
         watched = {self._server.socket: self._server.serve}
         if self._links is not None and self._links.socket is not None:

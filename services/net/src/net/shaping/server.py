@@ -33,7 +33,7 @@ class Server:
         self.socket.listen()
 
     def serve(self) -> None:
-        """Serve one request; a client that sends nothing is dropped after a second, so that it delays nothing for long."""
+        """Serve one request; a client that sends nothing is dropped after a second and delays nothing for long."""
         connection, _ = self.socket.accept()
         with connection:
             connection.settimeout(1.0)

@@ -120,7 +120,7 @@ class ArduCopter(Autopilot):
         if self._is_landing() or (is_due and self._lift_s is None):
             self.disarm()
 
-    # -- what callers change --------------------------------------------------------------------------------
+    # -- changes by callers ---------------------------------------------------------------------------------
 
     def arm_refusal(self) -> str | None:
         """The reason why arming is denied now, or None."""

@@ -25,7 +25,7 @@ STANDS_M_S = 0.2
 BRAKING, BRAKING_UP = 0.75, 0.75
 """The shares of its acceleration with which it brakes towards a place, and towards a height."""
 BRAKE_S, BRAKE_M_S2 = 1.5, 0.5
-"""BRAKE decelerates by its speed divided by this time, but at least by this."""
+"""BRAKE decelerates by its speed divided by this time, but at least by this acceleration."""
 TURNING_RAD_S2 = math.radians(180)
 LOWEST_RETURN_M, LEAST_CLIMB_M = 2.0, 2.5
 """A return's lowest height, and the least climb that the cone about home leaves it."""

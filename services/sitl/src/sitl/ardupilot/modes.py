@@ -26,7 +26,7 @@ class Mode(FlightMode):
 
 
 UNPOWERED = frozenset({Mode.STABILIZE, Mode.ACRO})
-"""The throttle stick is the thrust: it lies at the bottom, so the drone falls."""
+"""The throttle stick is the thrust: it is at the bottom, so the drone falls."""
 SINKING = frozenset({Mode.ALT_HOLD, Mode.LOITER, Mode.POSHOLD})
 """The throttle stick is the climb: at the bottom it descends."""
 ROOTED = frozenset({Mode.LOITER, Mode.POSHOLD})

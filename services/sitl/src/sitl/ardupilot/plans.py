@@ -142,7 +142,7 @@ class CopterPlanLink(PlanLink):
         if message.seq >= len(self._plans.mission):
             return []
         self._plans.go_to(message.seq)
-        return [mavlink.MAVLink_mission_current_message(message.seq)]
+        return [mavlink.MAVLink_mission_current_message(message.seq, len(self._plans.mission) - 1)]
 
 
 def _refusal(kind: int, item: Item) -> int:

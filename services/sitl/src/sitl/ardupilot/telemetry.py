@@ -48,7 +48,12 @@ class CopterTelemetry(Telemetry):
         )
         state = mavlink.MAV_STATE_STANDBY if ap.landed else mavlink.MAV_STATE_ACTIVE
         return mavlink.MAVLink_heartbeat_message(
-            *(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base, ap.mode.custom_mode, state, 3)
+            type=mavlink.MAV_TYPE_QUADROTOR,
+            autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            base_mode=base,
+            custom_mode=ap.mode.custom_mode,
+            system_status=state,
+            mavlink_version=3,
         )
 
     def _sys_status(self) -> Any:
@@ -56,15 +61,29 @@ class CopterTelemetry(Telemetry):
         health = HEALTHY if self._ap.healthy else HEALTHY & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         battery = self._ap.battery
         return mavlink.MAVLink_sys_status_message(
-            *(PRESENT, ENABLED, health, 0, round(self._voltage_v() * 1000), self._current_ca()),
-            *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0),
+            onboard_control_sensors_present=PRESENT,
+            onboard_control_sensors_enabled=ENABLED,
+            onboard_control_sensors_health=health,
+            load=0,
+            voltage_battery=round(self._voltage_v() * 1000),
+            current_battery=self._current_ca(),
+            battery_remaining=round(battery.remaining_pct),
+            drop_rate_comm=0,
+            errors_comm=0,
+            errors_count1=0,
+            errors_count2=0,
+            errors_count3=0,
+            errors_count4=0,
         )
 
     def _mission(self) -> Any:
-        """The current item; home is number 0."""
-        plans = self._ap.plans
-        total = len(plans.mission)
-        return mavlink.MAVLink_mission_current_message(min(plans.current, max(0, total - 1)), total)
+        """The current item, and the number of items without home, which is item 0."""
+        plans, flies = self._ap.plans, self._ap.mode is Mode.AUTO
+        total = max(0, len(plans.mission) - 1)
+        state = mavlink.MISSION_STATE_NO_MISSION
+        if total:
+            state = mavlink.MISSION_STATE_ACTIVE if flies else mavlink.MISSION_STATE_NOT_STARTED
+        return mavlink.MAVLink_mission_current_message(min(plans.current, total), total, state, int(flies))
 
     makers: ClassVar = {
         **MAKERS,

@@ -99,7 +99,9 @@ class CopterManners(Manners):
 BY_REQUEST = {
     **dict.fromkeys(("ATTITUDE", "LOCAL_POSITION_NED"), 20.0),
     **dict.fromkeys(("GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE"), 10.0),
-    **{"SYS_STATUS": 2.0, "BATTERY_STATUS": 1.0, "HOME_POSITION": 0.5},
+    "SYS_STATUS": 2.0,
+    "BATTERY_STATUS": 1.0,
+    "HOME_POSITION": 0.5,
 }
 """The messages by which a flight is followed, in Hz, on a link that sends them only on request."""
 _TRIED = ("position", "altitude", "stabilized", "manual", "acro", "mission", "offboard", "takeoff", "hold")

@@ -43,7 +43,7 @@ class Observer(ABC):
     def _send_what_is_due(self, now_s: float) -> None:
         """Send the repeated messages that are due at a time of the channel's clock."""
 
-    # -- what is known ------------------------------------------------------------------------------------------
+    # -- the state ----------------------------------------------------------------------------------------------
 
     @property
     def now_s(self) -> float:
@@ -142,7 +142,7 @@ class Observer(ABC):
     def untap(self, take: Callable[[Heard], None]) -> None:
         self._taps.remove(take)
 
-    # -- what is heard ------------------------------------------------------------------------------------------
+    # -- received messages --------------------------------------------------------------------------------------
 
     def _listen(self, seconds: float) -> None:
         self._send_what_is_due(self._channel.now_s)

@@ -134,16 +134,43 @@ class Pilot(Observer):
         self._ask_interval(name, 0.0)
 
     def _ask_interval(self, name: str, interval_us: float) -> None:
-        wanted = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number(name), interval_us, *[0.0] * 5)
-        self.send(mavlink.MAVLink_command_long_message(self.system, 1, *wanted))
+        self.send(
+            mavlink.MAVLink_command_long_message(
+                target_system=self.system,
+                target_component=1,
+                command=mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+                confirmation=0,
+                param1=number(name),
+                param2=interval_us,
+                param3=0.0,
+                param4=0.0,
+                param5=0.0,
+                param6=0.0,
+                param7=0.0,
+            )
+        )
 
     def velocity(self, north: float, east: float, down: float) -> None:
         """Send one set-point for offboard control, in metres per second."""
         mask = 0b1111_1100_0111
         self._channel.send(
             mavlink.MAVLink_set_position_target_local_ned_message(
-                *(0, self.system, 1, mavlink.MAV_FRAME_LOCAL_NED, mask),
-                *(0, 0, 0, north, east, down, 0, 0, 0, 0, 0),
+                time_boot_ms=0,
+                target_system=self.system,
+                target_component=1,
+                coordinate_frame=mavlink.MAV_FRAME_LOCAL_NED,
+                type_mask=mask,
+                x=0,
+                y=0,
+                z=0,
+                vx=north,
+                vy=east,
+                vz=down,
+                afx=0,
+                afy=0,
+                afz=0,
+                yaw=0,
+                yaw_rate=0,
             )
         )
 

@@ -1,4 +1,4 @@
-"""Speaks MAVLink's mission protocol with an autopilot, and writes down each answer."""
+"""Speaks MAVLink's mission protocol with an autopilot, and records each answer."""
 
 from __future__ import annotations
 

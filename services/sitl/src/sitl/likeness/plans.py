@@ -80,7 +80,7 @@ def _end(pilot: Pilot, planner: Planner) -> None:
 
 @case(PLANS, "plans up and down")
 def _up_and_down(pilot: Pilot) -> None:
-    """Each list is taken, given back, and cleared."""
+    """Each list is uploaded, read back, and cleared."""
     planner = Planner(pilot)
     for kind, items in ((MISSION, _mission(pilot)), (FENCE, _fence(pilot)), (RALLY, _rally(pilot))):
         planner.clear(kind)
@@ -138,7 +138,7 @@ def _refused(pilot: Pilot) -> None:
 
 @case(PLANS, "an upload that stands still")
 def _standing_still(pilot: Pilot) -> None:
-    """How often and how long an item is requested again, and which list there is afterwards."""
+    """How often and for how long an item is requested again, and which list remains afterwards."""
     planner, good = Planner(pilot), _mission(pilot)
     planner.upload(good[:2])
     planner.count(4)
@@ -166,7 +166,7 @@ def _standing_still(pilot: Pilot) -> None:
 
 @case(PLANS, "a mission is flown")
 def _flown(pilot: Pilot) -> None:
-    """Armed and started in the air of its own takeoff; paused, continued, and flown to its end."""
+    """Armed and started on the ground; paused, continued, set back to its first waypoint, and flown to its end."""
     pilot.track()
     planner, items = Planner(pilot), _mission(pilot)
     first = len(items) - 6

@@ -168,7 +168,10 @@ class Px4(ProcessSubject):
 
     def command(self) -> list[str]:
         return [
-            *(*scheduled(self._instance), str(self._px4 / "bin/px4"), "-d", "-i", str(self._instance)),
+            *scheduled(self._instance),
+            str(self._px4 / "bin/px4"),
+            "-d",
+            *("-i", str(self._instance)),
             *("-w", str(self.folder), str(self.folder / "etc")),
         ]
 

@@ -134,7 +134,7 @@ class Px4(Autopilot):
         if 0 < after_s <= self.now_s - since_s:
             self.disarm()
 
-    # -- what callers change --------------------------------------------------------------------------------
+    # -- changes by callers ---------------------------------------------------------------------------------
 
     def arm_refusal(self) -> str | None:
         """The reason why arming is denied now, or None."""

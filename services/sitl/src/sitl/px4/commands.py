@@ -135,7 +135,7 @@ def _leaves_out_the_place(message: Any) -> bool:
 
 
 def _horizontal(autopilot: Px4, message: Any) -> tuple[float, float] | None:
-    """Latitude and longitude in degrees, the drone's own where the command leaves one out; None where invalid."""
+    """Latitude and longitude in degrees, the drone's own if the command leaves one out; None if invalid."""
     here = autopilot.guidance.place
     if message.get_type() == "COMMAND_INT":
         wanted = [math.nan if value == _CURRENT else value / 1e7 for value in (message.x, message.y)]

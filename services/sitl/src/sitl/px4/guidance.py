@@ -34,7 +34,7 @@ FOLLOWED = 0.86
 RETURN_UP = 0.95
 """The share of the automatic modes' speed at which a return climbs."""
 TRAILING = 0.0019
-"""The trajectory waits for its drone, which drag holds back with the square of the speed."""
+"""How much the trajectory waits for its drone, which drag holds back with the square of the speed."""
 
 
 class Px4Guidance(Guidance):
@@ -112,7 +112,7 @@ class Px4Guidance(Guidance):
         return now_s - self._starts_s > TAKEOFF_S and self.target[2] - self.motion.position[2] < REACHED_UP_M
 
     def wanted_velocity(self, mode: FlightMode, now_s: float, lift_s: float, in_air: bool) -> Vector:
-        """The mode's velocity north, east, up in metres per second; `lift_s`: since when the motors speed up.
+        """The mode's velocity north, east, up in metres per second; `lift_s`: time since the motors began to speed up.
 
         A takeoff in the air is a climb.
         """

@@ -158,7 +158,7 @@ class Px4PlanLink(PlanLink):
             return []
         items = self._plans.items[kind]
         is_next = message.seq == expected and expected < len(items)
-        if not is_next and message.seq != expected - 1:
+        if not (is_next or message.seq == expected - 1) or message.seq >= len(items):
             self._sending = None
             self._say("WPM: REJ. CMD: Req. WP was unexpected")
             return [ack(partner, ERROR, kind)]

@@ -1,4 +1,4 @@
-"""What PX4 streams at which rate, after its own sets."""
+"""PX4's streams and their rates, by its own sets."""
 
 from __future__ import annotations
 

@@ -24,10 +24,10 @@ SENSORS = (
     | mavlink.MAV_SYS_STATUS_GEOFENCE
 )
 HOME_M = 0.25
-"""The smallest change of its error by which home's height is corrected."""
+"""Home's height is not corrected for a smaller change of its error."""
 _EXTENDED = mavlink.MAV_SYS_STATUS_RECOVERY_SYSTEM
 HOME_S = 2.0
-"""The interval at which home's height is corrected."""
+"""The interval at which home's height is corrected in flight."""
 
 
 class Px4Telemetry(Telemetry):
@@ -82,8 +82,22 @@ class Px4Telemetry(Telemetry):
             health = SENSORS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
         battery = self._ap.battery
         return mavlink.MAVLink_sys_status_message(
-            *(SENSORS, SENSORS, health, 250, round(self._voltage_v() * 1000), self._current_ca()),
-            *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0, _EXTENDED, _EXTENDED, _EXTENDED),
+            onboard_control_sensors_present=SENSORS,
+            onboard_control_sensors_enabled=SENSORS,
+            onboard_control_sensors_health=health,
+            load=250,
+            voltage_battery=round(self._voltage_v() * 1000),
+            current_battery=self._current_ca(),
+            battery_remaining=round(battery.remaining_pct),
+            drop_rate_comm=0,
+            errors_comm=0,
+            errors_count1=0,
+            errors_count2=0,
+            errors_count3=0,
+            errors_count4=0,
+            onboard_control_sensors_present_extended=_EXTENDED,
+            onboard_control_sensors_enabled_extended=_EXTENDED,
+            onboard_control_sensors_health_extended=_EXTENDED,
         )
 
     def _current_ca(self) -> int:
@@ -100,11 +114,27 @@ class Px4Telemetry(Telemetry):
         )
 
     def _odometry(self) -> Any:
-        p, v = self._position(), self._velocity()
+        p, v, q = self._position(), self._velocity(), self._quaternion()
+        roll, pitch, yaw = self._rates()
         return mavlink.MAVLink_odometry_message(
-            *(self._usec(), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD),
-            *(p[0], p[1], -p[2], self._quaternion(), v[0], v[1], -v[2], *self._rates()),
-            *(_COVARIANCE, _COVARIANCE, 0, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0),
+            time_usec=self._usec(),
+            frame_id=mavlink.MAV_FRAME_LOCAL_NED,
+            child_frame_id=mavlink.MAV_FRAME_BODY_FRD,
+            x=p[0],
+            y=p[1],
+            z=-p[2],
+            q=q,
+            vx=v[0],
+            vy=v[1],
+            vz=-v[2],
+            rollspeed=roll,
+            pitchspeed=pitch,
+            yawspeed=yaw,
+            pose_covariance=_COVARIANCE,
+            velocity_covariance=_COVARIANCE,
+            reset_counter=0,
+            estimator_type=mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
+            quality=0,
         )
 
     def _attitude_target(self) -> Any:
@@ -147,17 +177,45 @@ class Px4Telemetry(Telemetry):
         flies = mavlink.MAV_ODID_STATUS_GROUND if self._ap.landed else mavlink.MAV_ODID_STATUS_AIRBORNE
         above_home = place.altitude_m - self._home().altitude_m
         return mavlink.MAVLink_open_drone_id_location_message(
-            *(0, 0, _NO_ID, flies, self._heading_cdeg(), round(math.hypot(v[0], v[1]) * 100), round(v[2] * 100)),
-            *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), place.altitude_m, place.altitude_m),
-            *(mavlink.MAV_ODID_HEIGHT_REF_OVER_TAKEOFF, above_home, 11, 5, 4, 4, self._ap.now_s % 3600, 1),
+            target_system=0,
+            target_component=0,
+            id_or_mac=_NO_ID,
+            status=flies,
+            direction=self._heading_cdeg(),
+            speed_horizontal=round(math.hypot(v[0], v[1]) * 100),
+            speed_vertical=round(v[2] * 100),
+            latitude=round(place.latitude_deg * 1e7),
+            longitude=round(place.longitude_deg * 1e7),
+            altitude_barometric=place.altitude_m,
+            altitude_geodetic=place.altitude_m,
+            height_reference=mavlink.MAV_ODID_HEIGHT_REF_OVER_TAKEOFF,
+            height=above_home,
+            horizontal_accuracy=11,
+            vertical_accuracy=5,
+            barometer_accuracy=4,
+            speed_accuracy=4,
+            timestamp=self._ap.now_s % 3600,
+            timestamp_accuracy=1,
         )
 
     def _open_drone_id_system(self) -> Any:
         home = self._home()
-        takeoff = mavlink.MAV_ODID_OPERATOR_LOCATION_TYPE_TAKEOFF
         return mavlink.MAVLink_open_drone_id_system_message(
-            *(0, 0, _NO_ID, takeoff, 0, round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7), 1, 0),
-            *(-1000.0, -1000.0, 0, 0, home.altitude_m, 0),
+            target_system=0,
+            target_component=0,
+            id_or_mac=_NO_ID,
+            operator_location_type=mavlink.MAV_ODID_OPERATOR_LOCATION_TYPE_TAKEOFF,
+            classification_type=0,
+            operator_latitude=round(home.latitude_deg * 1e7),
+            operator_longitude=round(home.longitude_deg * 1e7),
+            area_count=1,
+            area_radius=0,
+            area_ceiling=-1000.0,
+            area_floor=-1000.0,
+            category_eu=0,
+            class_eu=0,
+            operator_altitude_geo=home.altitude_m,
+            timestamp=0,
         )
 
     def _mission(self) -> Any:
@@ -178,7 +236,12 @@ class Px4Telemetry(Telemetry):
         """One of the modes, the next one each time."""
         index, mode = next(self._modes)
         return mavlink.MAVLink_available_modes_message(
-            *(len(Mode), index, _STANDARD_MODES.get(mode, 0), mode.custom_mode, 0, mode.name.title().encode())
+            number_modes=len(Mode),
+            mode_index=index,
+            standard_mode=_STANDARD_MODES.get(mode, 0),
+            custom_mode=mode.custom_mode,
+            properties=0,
+            mode_name=mode.name.title().encode(),
         )
 
     def _link(self) -> Any:

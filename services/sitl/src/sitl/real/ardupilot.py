@@ -15,7 +15,7 @@ OWN: dict[str, float] = {
     "FLTMODE_CH": 0,  # nobody holds sticks, nor the simulation's mode switch
     "INITIAL_MODE": 4,  # GUIDED, in which it arms only where it could take off
 }
-"""The parameters that every ArduCopter here gets beside the fleet's."""
+"""The parameters that every ArduCopter here gets besides the fleet's."""
 
 
 class ArduCopter(Autopilot):

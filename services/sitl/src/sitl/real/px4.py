@@ -32,7 +32,7 @@ OWN: dict[str, float] = {
     "SDLOG_MODE": 2,  # the flight log lasts from boot to shutdown, past a first disarming
     "SDLOG_PROFILE": 1,  # and has what analyses need; by default a simulation logs for estimator replays, too
 }
-"""The parameters that every PX4 here gets beside the fleet's."""
+"""The parameters that every PX4 here gets besides the fleet's."""
 RATE_B_S = 4_000_000
 STREAMS = {
     "px4-onboard": ("onboard", {}),

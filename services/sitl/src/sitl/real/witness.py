@@ -64,10 +64,20 @@ class Witness:
         return [self._request(name) for name in silent]
 
     def _request(self, name: str) -> bytes:
-        target = (self.system, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        wanted = (_IDS[name], 1e6 / WANTED_HZ[name])
-        command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-        packed = mavlink.MAVLink_command_long_message(*target, command, 0, *wanted, 0, 0, 0, 0, 0).pack(self._codec)
+        request = mavlink.MAVLink_command_long_message(
+            target_system=self.system,
+            target_component=mavlink.MAV_COMP_ID_AUTOPILOT1,
+            command=mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+            confirmation=0,
+            param1=_IDS[name],
+            param2=1e6 / WANTED_HZ[name],
+            param3=0,
+            param4=0,
+            param5=0,
+            param6=0,
+            param7=0,
+        )
+        packed = request.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) % 256
         return bytes(packed)
 
