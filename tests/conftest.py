@@ -1,4 +1,4 @@
-"""What holds for all tests; how they share a machine is in `workers`, `lateness` and `soak`."""
+"""Settings for all tests; how they share a machine is in `workers`, `lateness` and `soak`."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from typer import testing
 
 pytest_plugins = ("tests.lateness", "tests.soak", "tests.workers")
 
-# How long an example takes says how busy the machine is. The quick check tries a tenth of them (`examples`).
+# An example's duration depends on the machine's load. The quick check tries a tenth of them (`examples`).
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("quick", settings.get_profile("any machine"), max_examples=10)
 settings.load_profile("any machine")
 
-# A runner of typer makes a program's tree of options for every command that it runs, which takes longer than most do.
+# A typer runner builds a program's tree of options for each command that it runs, which takes longer than most do.
 testing._get_command = cache(testing._get_command)
 
 
 @pytest.fixture(autouse=True, scope="session")
 def _own_state(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """A UAV client's journal, where none is named, is not that of whoever runs the tests."""
+    """Keep a UAV client's default journal out of the home folder of the person who runs the tests."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """What is collected stays to the end: nobody looks for garbage in it, neither meanwhile nor afterwards."""
+    """Exclude the collected tests from garbage collection, during the collection and after: they stay to the end."""
     gc.disable()
     try:
         return (yield)
@@ -40,7 +40,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 class Failures:
-    """What failed is said at once: a run that is broken off never comes to its summary."""
+    """Reports failures at once: an interrupted run prints no summary."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config

@@ -1,16 +1,16 @@
-"""Tests on a machine that is late: run again, and those that fly or measure times inconclusive where it stays late.
+"""Tests on a late machine are run again; those that fly or measure times are inconclusive if it stays late.
 
-A process beside the tests sleeps in short steps and writes down when it woke up late: that is the machine's doing, not
-the code's. Where a test fails by what lateness may cause, and the machine was late while it ran or while one of its
-fixtures was set up, be it for an earlier test of the file, or what it flew is Void, the test is run anew with all its
-fixtures, beside nothing but tests that give way (workers.py), TURNS times at most. One with one of MARKS waits until
-the machine is quieter, and after its last turn it is neither passed nor failed but inconclusive: the last lines name it
-with its failure, and the very last one counts it. Any other test that fails in every turn has failed. A failure that
-lateness cannot cause is one at once.
+A process beside the tests sleeps in short steps and records when it woke up late: that is the machine's doing, not the
+code's. A test is run again if it fails in a way that lateness may cause, and the machine was late while the test ran or
+while one of its fixtures was set up (even for an earlier test of the file); or if its flight is Void. It then runs with
+new fixtures, beside no tests but those that give way (workers.py), at most TURNS times. A test with one of MARKS waits
+until the machine is quieter, and after its last turn it is neither passed nor failed but inconclusive: the last lines
+name it with its failure, and the very last one counts it. Any other test that fails in every turn has failed. A failure
+that lateness cannot cause counts at once.
 
-The sleeper does not see what a container or a disk keeps waiting. So one with one of MARKS that fails beside others by
-what lateness may cause has a second turn by itself where no lateness was seen, too. One of the last lines says what
-failed in the first.
+The sleeper does not see delays by a container or a disk. So a test with one of MARKS that fails beside others, in a way
+that lateness may cause, gets a second turn alone even if no lateness was seen. One of the last lines names the failure
+of the first.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from _pytest.runner import runtestprotocol
 from mqttxt import errors
 
 MARKS = ("alone", "e2e", "integration")
-"""Of tests that fly or measure times."""
+"""The marks of tests that fly or measure times."""
 TURNS = 3
 LATE_MS = 25
-"""A process that sleeps and is not run for so long after: a machine with a core to spare is late by one or two."""
+"""Lateness that counts, in waking a sleeping process: on a machine with a core to spare it is one or two."""
 QUIET_S, PATIENCE_S = 5.0, 60.0
 CAUSED = (
     AssertionError,
@@ -45,15 +45,15 @@ CAUSED = (
     errors.TransferFailed,
     errors.TransportError,
 )
-"""What lateness may cause: that something was not so, or not in time, or not there yet."""
+"""Errors that lateness may cause: a condition that does not hold, or something too late or not there yet."""
 Failures = Sequence[pytest.ExceptionInfo[BaseException]]
 Span = tuple[float, float]
-"""From when until when, of time.monotonic()."""
+"""Begin and end, by time.monotonic()."""
 _TURN = pytest.StashKey[int]()
 _BESIDE = pytest.StashKey[str]()
-"""What failed beside other tests, on a machine that was not late."""
+"""The failure beside other tests, on a machine that was not late."""
 _ERRORS, _PLACES = pytest.StashKey[list[pytest.ExceptionInfo[BaseException]]](), pytest.StashKey[set[str]]()
-"""What failed in this turn, and where in all of them."""
+"""The failures of this turn, and their places in all turns."""
 _SLEEPER = f"""
 import select, sys, time
 while True:
@@ -67,12 +67,14 @@ while True:
 
 
 def is_again(item: pytest.Item) -> bool:
-    """Whether a test is run anew."""
+    """Whether a test is in a further turn."""
     return item.stash.get(_TURN, 1) > 1
 
 
 class Void(Exception):
-    """What was flown does not count, and why: the testbed's own word, which knows of lateness that no sleeper saw."""
+    """A flight that does not count, with the reason: the testbed's verdict, which sees lateness that the sleeper does
+    not.
+    """
 
 
 class Watch:
@@ -85,7 +87,7 @@ class Watch:
         os.close(number)
 
     def late_ms(self, *spans: Span) -> int:
-        """How late it was at worst within one of the spans, 0 where it never was by more than LATE_MS."""
+        """The greatest lateness within the spans, 0 if it was never more than LATE_MS."""
         whole, _, _ = self._file.read_text().rpartition("\n")  # a line may be half written yet
         lines = [(float(at), int(late)) for at, late in map(str.split, whole.splitlines())]
         return max((late for at, late in lines if any(since <= at <= until for since, until in spans)), default=0)
@@ -96,7 +98,7 @@ class Watch:
             time.sleep(1)
 
     def give_way(self, nice: int) -> None:
-        """It sleeps no better than the tests that it watches for run."""
+        """Give the sleeper the nice value of the tests that it watches for."""
         os.setpriority(os.PRIO_PROCESS, self._process.pid, nice)
 
     def end(self) -> None:
@@ -127,7 +129,7 @@ def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[Non
 
 
 _judged: list[tuple[BaseException, str]] = []
-"""Failures of last turns, and what caused them: a fixture of a whole file raises its own again in the next test."""
+"""Failures of last turns, and their causes: a file-wide fixture raises the same failure again in the next test."""
 
 
 @pytest.hookimpl(wrapper=True)
@@ -179,13 +181,13 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def passes_alone(item: pytest.Item, failed: str | None) -> None:
-    """Called by a test that passes with what its fixture did again by itself: `failed` is what failed beside others."""
+    """Called by a test that passes because its fixture was repeated alone: `failed` is the failure beside others."""
     if failed is not None:
         item.stash[_BESIDE] = failed
 
 
 def _set_up_of(item: pytest.Item) -> list[Span]:
-    """When the fixtures of a test were set up, those of its file and of the whole run too."""
+    """When the fixtures of a test were set up, including those of its file and of the whole run."""
     assert isinstance(item, pytest.Function)
     used = [found[-1] for found in item._fixtureinfo.name2fixturedefs.values()]
     return [_set_up[fixture] for fixture in used if fixture in _set_up]
@@ -201,12 +203,12 @@ def _may_be_caused(failures: Failures, by: tuple[type[BaseException], ...]) -> b
 
 
 def _leaves(error: BaseException) -> list[BaseException]:
-    """What a group of exceptions is made of, as a task group raises it."""
+    """The exceptions of a group, as a task group raises it, or the exception itself."""
     return [leaf for one in error.exceptions for leaf in _leaves(one)] if hasattr(error, "exceptions") else [error]
 
 
 def _cause(failures: Failures, late_ms: int) -> str | None:
-    """What may have caused all that failed in a turn; None where something failed by itself."""
+    """The possible cause of all failures of a turn; None if one of them has another cause."""
     if not _may_be_caused(failures, (Void, *CAUSED) if late_ms else (Void,)):
         return None
     if any(isinstance(one, Void) for failure in failures for one in _leaves(failure.value)):
@@ -215,12 +217,12 @@ def _cause(failures: Failures, late_ms: int) -> str | None:
 
 
 def _known_cause(failures: Failures) -> str | None:
-    """Of a failure that another test of the file has had in all its turns."""
+    """The cause of a failure that another test of the file has had in all its turns."""
     return next((cause for value, cause in _judged if [value] == [each.value for each in failures]), None)
 
 
 def _place(item: pytest.Item, failure: pytest.ExceptionInfo[BaseException]) -> str:
-    """The line of the test's own file, or, where none was reached, the one that raised."""
+    """The failing line of the test's own file, or, if none was reached, the line that raised."""
     entries = [entry for entry in failure.traceback if entry.path == item.path] or [failure.traceback[-1]]
     return f"{Path(entries[-1].path).name}:{entries[-1].lineno + 1}"
 
@@ -248,7 +250,7 @@ def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, tuple
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Generator[None, None, None]:
-    """What failed among the failures, and after everything else a line for each, for nobody sees it otherwise."""
+    """Print inconclusive tests among the failures, and a line for each after everything else, so that it is seen."""
     passed = terminalreporter.stats.get("passed", [])
     inconclusive = terminalreporter.stats.get("inconclusive", [])
     for report in inconclusive:

@@ -1,4 +1,4 @@
-"""The experiments' fleet with quicker drones: a test waits no longer for a flight than it has to."""
+"""The experiments' fleet with quicker drones, so that tests do not wait longer for a flight than necessary."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ LANDING = {
     **{"MPC_LAND_SPEED": 3, "MPC_LAND_CRWL": 1, "MPC_Z_VEL_MAX_DN": 4, "MPC_Z_V_AUTO_DN": 4},
     **{"MPC_ACC_UP_MAX": 10, "MPC_ACC_DOWN_MAX": 10, "MPC_JERK_AUTO": 40},
 }
-"""PX4's parameters of drones that come down in a third of their time."""
+"""PX4's parameters for drones that descend in a third of the time."""
 FLYING = {
     **LANDING,
     **{"MPC_TKO_RAMP_T": 0.5, "MPC_TKO_SPEED": 5, "MPC_Z_VEL_MAX_UP": 8, "MPC_Z_V_AUTO_UP": 8},
     **{"MPC_XY_VEL_MAX": 20, "MPC_XY_CRUISE": 20, "MPC_ACC_HOR": 10},
 }
-"""Of drones that fly a scenario in half their time."""
+"""PX4's parameters for drones that fly a scenario in half the time."""
 
 
 def quick_fleet(folder: Path, parameters: Mapping[str, float]) -> Path:
-    """The fleet's file with these parameters for each drone, in a folder."""
+    """Write the fleet's file with these parameters for each drone into a folder, and return its path."""
     fleet = yaml.safe_load(FLEET_FILE.read_text())
     for drone in fleet["drones"].values():
         drone["parameters"] |= parameters

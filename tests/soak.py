@@ -1,8 +1,8 @@
-"""Long tests run only when something that they test has changed since they passed.
+"""Long tests run only when one of their sources has changed since they passed.
 
-A test marked `soak` names the files and folders that it tests. When it has passed, PASSED has a hash of them; that file
-belongs to the repository. While the hash is the same, `make test` and `make soak` leave the test out and say so.
-`make soak ALL=1` runs every one. One that is marked `too_long` as well is run by `make soak` alone.
+A test marked `soak` names the files and folders that it tests. When it has passed, a hash of them is kept in PASSED,
+which belongs to the repository. While the hash is the same, `make test` and `make soak` leave the test out and say so.
+`make soak ALL=1` runs every one. One that is marked `too_long`, too, is run by `make soak` alone.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _reports: dict[str, list[pytest.TestReport]] = {}
 
 
 def digest_of(root: Path, sources: tuple[str, ...]) -> str:
-    """A hash of the names and contents of all files; raises FileNotFoundError for a source that is not there."""
+    """A hash of the names and contents of all files. Raises FileNotFoundError for a missing source."""
     whole = hashlib.sha256()
     for source in sources:
         path = root / source
@@ -81,7 +81,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
-    """Write down what passed, where tests were run with all their parameters."""
+    """Record the tests that passed, if tests were run with all their parameters."""
     config = session.config
     was_ended = exitstatus == pytest.ExitCode.INTERRUPTED or session.shouldfail or session.shouldstop
     is_part = config.option.keyword or config.option.markexpr not in ("", MARK) or any("[" in a for a in config.args)
@@ -108,7 +108,7 @@ def _why_left_out(reports: list[pytest.TestReport]) -> str | None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Generator[None, None, None]:
-    """After everything else a line for each test that was left out."""
+    """Print a line for each test that was left out, after everything else."""
     yield
     for name, reports in sorted(_reports.items()):
         if (why := _why_left_out(reports)) is not None:

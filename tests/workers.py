@@ -1,4 +1,4 @@
-"""How `make test` shares out tests: one worker flies, the others have first what waits, then what needs only time."""
+"""How `make test` distributes tests: one worker flies, the others first run tests that wait, then all that compute."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from xdist.workermanage import WorkerController
 from tests import lateness
 
 NICE, NICEST = 5, 10
-"""Of tests beside flights: of those with brokers and processes, and of those that need nothing but time. More would
-leave them no time on a machine that others load."""
+"""Nice values of tests beside flights: of those with brokers and processes, and of those that need nothing but time.
+Higher ones would leave them no time on a machine under other load."""
 PATIENCE = 2
-"""A worker that is still with a test after so many of its time limits hangs: it says where, and ends."""
+"""A worker that is still in a test after this many of its time limits hangs: it prints its tracebacks, and ends."""
 FLIGHTS = "flights"
 
 
@@ -39,8 +39,8 @@ def _is_integration(item: pytest.Item) -> bool:
 
 
 def _order(item: pytest.Item) -> tuple[bool, bool, bool, bool, float]:
-    """Flights first, those that are to be alone last of them; then what waits for others, whole files before what can
-    be shared out, and of that first what may take long; then what needs nothing but time.
+    """Flights first, `alone` ones last among them; then integration tests, whole files before `apart` tests, and of
+    those the longest first; then tests that need nothing but time.
     """
     is_apart = item.get_closest_marker("apart") is not None
     longest_first = -_limit_s(item) if is_apart else 0.0
@@ -54,12 +54,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @cache
 def _marks(file: Path) -> set[str]:
-    """The marks that a file's text names: the process that shares out tests has not collected them."""
+    """The marks named in a file's text: the process that distributes the tests has not collected them."""
     return set(re.findall(r"pytest\.mark\.(\w+)", file.read_text()))
 
 
 class Lock:
-    """A lock that all workers know by a file; it is free when the process that has it has ended."""
+    """A lock on a file that all workers share; it is released when its holder's process ends."""
 
     def __init__(self, file: Path) -> None:
         self._file = os.open(file, os.O_RDONLY)
@@ -75,12 +75,12 @@ class Lock:
 
 
 _INTEGRATION = Path(__file__)
-"""The lock of the process that shares out tests, for as long as another worker than the flying one has integration
+"""The lock of the process that distributes the tests, held while a worker other than the flying one has integration
 tests left."""
 
 
 class Scheduling(LoadFileScheduling):  # type: ignore[misc]
-    """A worker takes file after file, one of them all flights; of a file marked `apart` each takes test after test."""
+    """A worker takes file after file, one worker all flights; tests of a file marked `apart` are taken one by one."""
 
     def schedule(self) -> None:
         if self.collection is None:
@@ -97,7 +97,7 @@ class Scheduling(LoadFileScheduling):  # type: ignore[misc]
         super().mark_test_complete(node, item_index, duration)
 
     def remove_node(self, node: WorkerController) -> str | None:
-        """As xdist's own, but for the test that its worker died of, from which the next one would die too."""
+        """As xdist's own, except that the test that killed its worker is not run again: it would kill the next one."""
         units = self.assigned_work[node].values()
         unit, crashed = next(((u, one) for u in units for one, is_done in u.items() if not is_done), ({}, None))
         if crashed is not None:
@@ -113,7 +113,7 @@ class Scheduling(LoadFileScheduling):  # type: ignore[misc]
         self._leave_once_none_is_left()
 
     def _leave_once_none_is_left(self) -> None:
-        """What comes behind the flights on their own worker, they cannot wait for."""
+        """Release the lock once integration tests are left only behind the flights: those cannot wait for them."""
         flying = next((units for units in self.assigned_work.values() if FLIGHTS in units), {})
         behind = {nodeid for unit in flying.values() for nodeid in unit}
         if self._left <= behind or len(self.nodes) == 1:
@@ -134,10 +134,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Schedulin
 
 
 class Turn:
-    """What a worker waits for before a test.
+    """The locks that a worker waits for before a test.
 
-    Integration tests and flights share the room; one that runs again has it for itself, and who waits for that comes
-    next. A test that is to be alone comes when no integration test is left.
+    Integration tests and flights share the room; one that runs again has it exclusively, and whoever waits for that is
+    next. A test marked `alone` runs when no integration test is left.
     """
 
     def __init__(self, config: pytest.Config) -> None:
@@ -156,7 +156,7 @@ class Turn:
         self._room.leave()
 
     def _enter(self, enter: Callable[[], None]) -> None:
-        """Who waits for the room keeps the door, and has left the room before."""
+        """Leave the room, and hold the door while waiting for the room."""
         self.leave()
         self._door.take()
         enter()
@@ -176,7 +176,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Before the fixtures and the time limit of a test begin, its worker waits for its turn and gives way."""
+    """Wait for the worker's turn, and give way, before a test's fixtures and time limit begin."""
     if _turn is None:
         return (yield)
     if _has_flights and not _is_flight(item):
@@ -198,7 +198,7 @@ def _limit_s(item: pytest.Item) -> float:
 
 
 def _give_way(nice: int) -> None:
-    """Never back: what comes later in the order needs to give way no less."""
+    """Raise the nice value, never lower it: later tests in the order give way at least as much."""
     own = os.getpriority(os.PRIO_PROCESS, 0)
     if nice > own:
         os.setpriority(os.PRIO_PROCESS, 0, nice)

@@ -1,1 +1,1 @@
-"""Measures what the documents quote: `python -m tests.bench`. Figures only; nothing here passes or fails."""
+"""Measures the figures that the documents quote: `python -m tests.bench`. Nothing here passes or fails."""

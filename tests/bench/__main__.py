@@ -31,23 +31,25 @@ FIGURES = (
     "load",
 )
 """Modules of this folder; each has `measure`, which returns lines of text."""
+IF_NAMED = ("fit", "holds")
+"""Those that take long or need a real PX4: run only if they are named."""
 
 
 LOAD = {"fogs": int, "drones": int, "minutes": float, "every_s": float, "fleets": int, "write": Path, "cloud": str}
-"""What may be said of the load: fogs, drones at each, how long it lasts, how often each drone has a command, how many
-fleets there are at least, a file that gets the figures, and the cloud."""
+"""Options of the load: fogs, drones at each, its duration, the interval of each drone's commands, the least number of
+fleets, a file that gets the figures, and the cloud."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(FIGURES))
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join((*FIGURES, *IF_NAMED)))
     for option, kind in LOAD.items():
         choices = CLOUDS if option == "cloud" else None
         parser.add_argument(f"--{option.replace('_', '-')}", type=kind, choices=choices, help="of `load`")
     given = vars(parser.parse_args())
     names = given.pop("names") or FIGURES
-    if unknown := [name for name in names if name not in FIGURES]:
-        parser.error(f"{unknown[0]}: expected one of {', '.join(FIGURES)}")
+    if unknown := [name for name in names if name not in (*FIGURES, *IF_NAMED)]:
+        parser.error(f"{unknown[0]}: expected one of {', '.join((*FIGURES, *IF_NAMED))}")
     load = {option: value for option, value in given.items() if value is not None}
     for name in names:
         module = importlib.import_module(f"tests.bench.{name}")

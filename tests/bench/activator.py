@@ -1,4 +1,4 @@
-"""What an activator relays from fog to cloud per CPU second, beside Mosquitto's own bridge; its load and its memory."""
+"""States that an activator, and Mosquitto's own bridge, relay per CPU second from fog to cloud; its load and memory."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ topic +/state/# out 0 f1/ fog1/
 
 @dataclass(frozen=True)
 class Relayed:
-    """How many states were relayed in a window, and what it cost the processes that relayed."""
+    """The states relayed in a window, and their cost to the processes that relayed them."""
 
     states: int
     lost: int
@@ -55,7 +55,7 @@ class Relayed:
 
     @property
     def share(self) -> float:
-        """Of one core."""
+        """The share of one core."""
         return self.cpu_s / self.wall_s
 
 
@@ -85,9 +85,9 @@ async def _measure() -> list[str]:
 
 
 async def relay_secured(drones: int, hz: float, security: str) -> Relayed:
-    """As `relay_by_activators` at one activator, whose own connections are in TLS; `signed`: it signs, as all do.
+    """As `relay_by_activators` at one activator, whose own connections are in TLS; `signed`: all nodes sign.
 
-    The brokers have plain listeners too, for the drones and the station, so that nothing else is changed.
+    The brokers have plain listeners, too, for the drones and the station, so that nothing else changes.
     """
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
@@ -112,7 +112,7 @@ async def relay_secured(drones: int, hz: float, security: str) -> Relayed:
 
 
 async def relay_by_activators(fogs: int, drones: int, hz: float, bundles: bool = False) -> Relayed:
-    """Five states of each of `drones` drones at each of `fogs` activators, each `hz` times a second."""
+    """Relay five states of each of `drones` drones at each of `fogs` activators, each `hz` times per second."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         cloud, fog = _started(folder, stack, "cloud"), _started(folder, stack, "fog")
@@ -131,7 +131,7 @@ async def relay_by_activators(fogs: int, drones: int, hz: float, bundles: bool =
 
 
 async def relay_by_bridge(drones: int, hz: float) -> Relayed:
-    """The same by a fog broker that bridges to the cloud broker."""
+    """Relay the same by a fog broker that bridges to the cloud broker."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         cloud = _started(folder, stack, "cloud")
@@ -141,7 +141,7 @@ async def relay_by_bridge(drones: int, hz: float) -> Relayed:
 
 
 def seal_of(folder: Path) -> Seal:
-    """What the node signs with whose identity is in a folder."""
+    """The seal of the node whose identity is in a folder."""
     return Seal(Identity.load(folder))
 
 
@@ -169,7 +169,7 @@ class _Station:
         return station
 
     async def register(self, seal: Seal | None, fog: int = 1, bundles: bool = False) -> None:
-        """For ten minutes; with a seal as in a fleet that signs: for the activator's session, until a time to come."""
+        """Register for ten minutes; with a seal as in a fleet that signs: for the activator's session, until a time."""
         topic = f"fog{fog}/init_connect"
         message = Registration(name="bench", session=7, nonce=1, lease_s=600, bundles=bundles)
         if seal is None:
@@ -210,7 +210,7 @@ async def _relayed(fleets: list[Fleet], station: _Station, hz: float, pids: list
 
 
 async def _send(fleets: list[Fleet], hz: float, lasting_s: float) -> None:
-    """Every state `hz` times a second, spread evenly over time."""
+    """Send every state `hz` times per second, spread evenly over time."""
     loop = asyncio.get_running_loop()
     parts = round(1 / hz / SLICE_S)
     started = loop.time()

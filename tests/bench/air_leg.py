@@ -1,8 +1,8 @@
-"""What the air links of flown series cost, and how old states get on them: `python -m tests.bench.air_leg FOLDER…`.
+"""The cost of the air links of flown series, and the age of states on them: `python -m tests.bench.air_leg FOLDER…`.
 
 In the window of the mission, over MQTT-XT, by either kind of air leg (`AIR`): bytes per drone and second, both ways;
-how long commands take down the link; how old the newest location at the fog is at the worst, from when its frame
-entered the link, before the next one arrives. Over TCP what is behind a lost segment arrives with it.
+how long commands take down the link; how old the newest location at the fog is at worst, since its frame entered the
+link, before the next one arrives. Over TCP, data behind a lost segment arrives with that segment.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from testbed.numbers.metrics import mission_window
 from testbed.numbers.packets import load
 
 _UDP = 8
-"""Bytes of its header."""
+"""Bytes of a UDP header."""
 _NAMES = ("location", "states")
-"""Topics that have the location: its own, and a bundle's."""
+"""Topics that carry the location: its own, and a bundle's."""
 
 
 @dataclass(frozen=True)
 class Leg:
-    """Of one attempt: bytes per drone and second; milliseconds of commands, the middle and the worst; ages likewise."""
+    """One attempt: bytes per drone and second; commands' delays and locations' ages in ms, each median and worst."""
 
     bytes_per_s: float
     command_ms: float
@@ -45,7 +45,7 @@ class Leg:
 
 
 def oldest_ns(ways: Iterable[tuple[int, int]]) -> int:
-    """The greatest age of what is newest, from messages' starts and arrivals; 0 for fewer than two."""
+    """The greatest age of the newest message, from messages' starts and arrivals; 0 for fewer than two."""
     oldest = newest = 0
     for entered, left in sorted(ways, key=lambda way: way[1]):
         oldest = max(oldest, left - newest if newest else 0)
@@ -54,7 +54,7 @@ def oldest_ns(ways: Iterable[tuple[int, int]]) -> int:
 
 
 def leg(attempt: Attempt) -> Leg:
-    """Raises ResultsError for an attempt without a mission."""
+    """Measure an attempt. Raises ResultsError for one without a mission, a command or a location."""
     packets = load(attempt)
     window = mission_window(attempt, attempt.events(), packets)
     if window is None:

@@ -1,4 +1,4 @@
-"""An autopilot that is always armed, acknowledges every arming, and notes when the kernel received it."""
+"""An autopilot that is always armed, acknowledges every arming, and records when the kernel received it."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 _SO_TIMESTAMPNS = 35
-"""Linux: each datagram comes with the time at which the kernel received it."""
+"""Linux: each datagram is read with the time at which the kernel received it."""
 _PX4_HOLD = 4 << 16 | 3 << 24
 _HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 12, mavlink.MAV_MODE_FLAG_SAFETY_ARMED, _PX4_HOLD, 4, 3)
 _HEARTBEAT_S = 0.5
 
 
 class AlwaysArmed:
-    """Sends its heartbeats to a port of loopback, from a socket that hears what comes back."""
+    """Sends its heartbeats to a port of loopback, from a socket that receives the answers."""
 
     def __init__(self, port: int) -> None:
         self.heard_ns: list[int] = []
         """When each arming was received, in Unix time."""
         self.kinds: Counter[str] = Counter()
-        """What else was heard, by name; commands with their number."""
+        """Counts of received messages by name; commands with their number."""
         self._codec = mavlink.MAVLink(None, 1, 1)
         self._parser = mavlink.MAVLink(None)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

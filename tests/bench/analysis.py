@@ -1,4 +1,4 @@
-"""Speed of the analysis: frames a CPU second of the packets table beside full dissection by scapy, in one run.
+"""Speed of the analysis: frames per CPU second of the packets table beside full dissection by scapy, in one run.
 
 The attempt is the newest one flown over MAVLink, else one made here: six drones with PX4's onboard streams.
 """
@@ -27,7 +27,7 @@ from testbed.numbers.packets.table import load
 from testbed.plan.documents import ROOT
 
 MADE_S = 10
-"""Seconds of the attempt that is made where none was flown."""
+"""Duration in seconds of the attempt that is made if none was flown."""
 DISSECTED = 3000
 """Frames that scapy dissects; more would only take longer."""
 _MIB = 1024
@@ -35,10 +35,10 @@ _MIB = 1024
 
 @dataclass(frozen=True)
 class Analysed:
-    """What analysing an attempt took, in a process of its own.
+    """The cost of analysing an attempt, in a process of its own.
 
-    `records` counts the captures' frames, both sides of each link. `memory_mib` is the most that the process had,
-    `idle_mib` what it had with everything imported.
+    `records` counts the captures' frames, both sides of each link. `memory_mib` is the process's largest memory,
+    `idle_mib` its memory with everything imported.
     """
 
     records: int
@@ -52,7 +52,7 @@ class Analysed:
 
 
 def measure() -> list[str]:
-    """Takes about 20 s."""
+    """Lines of figures; takes about 20 s."""
     with tempfile.TemporaryDirectory() as name:
         flown = newest_flown()
         attempt = flown if flown is not None else make_attempt(Path(name))
@@ -73,7 +73,7 @@ def measure() -> list[str]:
 
 
 def newest_flown(results: Path = ROOT / "results") -> Attempt | None:
-    """The newest attempt over MAVLink with captures, None where nobody flew one."""
+    """The newest attempt over MAVLink with captures, None without one."""
     folders = [path.parent for path in results.glob("*/*/*/mavlink/attempt-*/pcap") if any(path.glob("*.pcap"))]
     newest = max(folders, key=lambda path: path.parents[1].name, default=None)
     return Attempt(newest, "mavlink", int(newest.name.removeprefix("attempt-"))) if newest is not None else None
@@ -118,7 +118,7 @@ def analyse(attempt: Attempt) -> Analysed:
     attempt_s = (on_links["t_ns"][-1] - on_links["t_ns"][0]) / 1e9
     frames = len(on_links)
     del built, on_links
-    load(attempt)  # what the metrics are made from is kept from here on
+    load(attempt)  # the metrics' input is cached from here on
     wall = time.perf_counter()
     manifest = attempt.manifest()
     measure_attempt(attempt, manifest, verdict_of(attempt, manifest))
@@ -127,14 +127,14 @@ def analyse(attempt: Attempt) -> Analysed:
 
 
 def dissected_per_cpu_s(attempt: Attempt, bound: bool) -> float:
-    """Frames that scapy dissects in a CPU second, with the testbed's layers or without; reading is not counted."""
+    """Frames that scapy dissects per CPU second, with the testbed's layers or without; reading is not counted."""
     if bound:
         mavlink.bind()
         mqtt5.bind()
     path = max((attempt.path / "pcap").glob("*.pcap"), key=lambda path: path.stat().st_size)
     with RawPcapReader(str(path)) as reader:
         frames = [data for data, _ in itertools.islice(reader, 2 * DISSECTED)]
-    for data in frames[:DISSECTED]:  # classes of messages are made when they are first met
+    for data in frames[:DISSECTED]:  # classes of messages are made at their first use
         Ether(data)
     cpu = time.process_time()
     for data in frames[DISSECTED:]:

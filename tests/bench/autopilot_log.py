@@ -1,6 +1,6 @@
-"""Flies a PX4 that runs on loopback, and writes down the messages behind its states, thinned, as tests read them.
+"""Flies a PX4 that runs on loopback, and records the messages behind its states, thinned, for tests.
 
-`python -m tests.bench.autopilot_log PORT NAME FILE`: PORT is the one that its onboard link sends to. A minute of rest
+`python -m tests.bench.autopilot_log PORT NAME FILE`: its onboard link sends to PORT. A minute of rest
 since its first heartbeat; arm, takeoff 10 m, hold, goto 100 m north, return, land; half a minute of rest.
 """
 
@@ -30,10 +30,10 @@ FIELDS = {
         "onboard_control_sensors_health",
     ),
 }
-"""What the states are read from; all other fields are left out."""
+"""The fields from which the states are read; all others are left out."""
 EVERY_S = {"GLOBAL_POSITION_INT": 0.5, "VFR_HUD": 1.0}
 SELDOM = frozenset({"EXTENDED_SYS_STATE", "SYS_STATUS"})
-"""Of these only changes are kept, of all others every message."""
+"""Kinds of which only changes are kept; of all others every message is."""
 REST_S, HOLD_S, AFTER_S = 60.0, 15.0, 30.0
 STEP_S = 120.0
 HEIGHT_M, NORTH_DEG = 10.0, 100 / 111_195
@@ -42,7 +42,7 @@ NAN = math.nan
 
 
 class Flight:
-    """The connection, what was last heard on it, and the rows so far: milliseconds, kind, values."""
+    """The connection, the last message of each kind, and the rows so far: milliseconds, kind, values."""
 
     def __init__(self, port: int) -> None:
         self._link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_component=191, dialect="common")
@@ -53,7 +53,7 @@ class Flight:
         self.rows: list[list[Any]] = []
 
     def listen(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Until something is so, which it returns, or for as long as that."""
+        """Listen for `seconds`, or until a condition holds; returns whether it holds."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s and not until():
             if time.monotonic() - self._heartbeat_s >= 1:
@@ -68,7 +68,7 @@ class Flight:
         return until()
 
     def command(self, number: int, *params: float) -> None:
-        """Until it is accepted; exits where it never is."""
+        """Send a command until it is accepted; exits if it never is."""
         for _ in range(30):
             self.last.pop("COMMAND_ACK", None)
             self._link.mav.command_long_send(self._link.target_system, 1, number, 0, *params, *[0] * (7 - len(params)))

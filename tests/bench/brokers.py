@@ -1,4 +1,4 @@
-"""Mosquittos for the benchmarks, and what processes have used of the machine."""
+"""Mosquittos for the benchmarks, and processes' use of the machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
 
 class BenchBroker(Broker):
-    """A Mosquitto with the configuration of an embedded broker; `more` adds lines to it, `program` is another one."""
+    """A Mosquitto configured as an embedded broker; `more` adds lines to that, `program` is another Mosquitto."""
 
     def __init__(self, folder: Path, name: str, more: str = "", program: str | None = None) -> None:
         super().__init__(folder, name, program)
@@ -21,7 +21,7 @@ class BenchBroker(Broker):
 
 
 class TwoWayBroker(BenchBroker):
-    """The same with a second listener in TLS, with an identity; whoever connects there shows one of the fleet."""
+    """The same with a second listener in TLS, with an identity; clients there need one of the fleet."""
 
     def __init__(self, folder: Path, name: str, identity: Path) -> None:
         self._tls_port = free_port()

@@ -10,8 +10,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Publish, Subscribe
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.protocol.bundles import drone_bundle
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.state_payload import StampedState, encode_state
@@ -25,12 +26,12 @@ from tests.bench.vital import COMMANDS, STAMP, command_payload, mavlink_commands
 from tests.rigs.processes import eventually, free_port
 
 APART_S = 0.15
-"""Between two messages: longer than TCP may delay an ACK."""
+"""The pause between two messages: longer than TCP may delay an ACK."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """Bytes of the frames that carry a message, and with those that acknowledge it."""
+    """Bytes of the frames that carry a message, alone and with those that acknowledge it."""
 
     alone: float
     with_acks: float
@@ -71,7 +72,7 @@ Turn = tuple[str, list[Publish]]
 
 
 def turns() -> list[Turn]:
-    """What is published, by the name of its column and row; each turn leaves at once."""
+    """The messages to publish, by the name of their column and row; those of a turn are sent at once."""
     found: list[Turn] = []
     fog, cloud = FogSide(), CloudSide(1)
     for encoding in Encoding:
@@ -82,7 +83,7 @@ def turns() -> list[Turn]:
             found += [(f"{use} {encoding.value} {p.topic.rpartition('/')[2]}", [p]) for p in publishes]
             found.append((f"{use} {encoding.value} bundle", [bundle]))
         found.append((f"together {encoding.value}", publishes))
-        # Behind a QoS 1 exchange TCP lets its ACK ride on the PUBACK; behind a row of QoS 0 messages not yet.
+        # After a QoS 1 exchange TCP lets its ACK ride on the PUBACK; after a series of QoS 0 messages not yet.
         found.append((f"exchange {encoding.value}", [Publish("fog", cloud.broadcast, b"x", qos=1)]))
         for command in COMMANDS:
             payload = command_payload(command, encoding)

@@ -1,8 +1,9 @@
-"""Bytes on the wire of six drones with five states a second over three hops: bundles, topics, and MAVLink.
+"""Bytes on the wire of six drones with five states per second over three hops: bundles, topics, and MAVLink.
 
 Drone to fog, fog to cloud, cloud to ground station; everything on those connections counts: states, beacons,
-leases, and every ACK. MAVLink is what the same autopilots say, over UDP, on as many hops. CLOUD_MOSQUITTO names the
-program of another Mosquitto, 2.1 or newer, which is the cloud's broker then, with aliases towards its clients.
+leases, and every ACK. MAVLink's bytes are those of the same autopilots' messages, over UDP, on as many hops.
+CLOUD_MOSQUITTO names the program of another Mosquitto, 2.1 or newer, as the cloud's broker, with aliases towards its
+clients.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ SETTLE_S, WINDOW_S = 3.0, 20.0
 
 @dataclass(frozen=True)
 class Load:
-    """Bytes a second on each of the hops, and of the same by MAVLink on one hop."""
+    """Bytes per second on each hop, and of the same states by MAVLink on one hop."""
 
     hops: tuple[float, float, float]
     mavlink: float
@@ -65,7 +66,7 @@ def _version(program: str) -> str:
 class _Broker(BenchBroker):
     """A broker with a second port, so that a capture can tell connections apart by their ports.
 
-    `program`: a Mosquitto that has aliases of its own, in place of the nodes' one.
+    `program`: a Mosquitto with aliases of its own, in place of the nodes' version.
     """
 
     def __init__(self, folder: Path, name: str, program: str | None = None) -> None:
@@ -110,7 +111,7 @@ async def _measure(bundles: bool, program: str | None) -> Load:
 
 
 def _bytes(frames: list[Frame], ports: list[int]) -> float:
-    """Bytes a second in both directions."""
+    """Bytes per second in both directions."""
     return sum(frame.size for frame in frames if frame.source in ports or frame.target in ports) / WINDOW_S
 
 
@@ -130,7 +131,7 @@ def _processes(
 
 
 async def _tell(autopilots: dict[int, int]) -> None:
-    """What each autopilot says, once a second; drones are not in step with each other."""
+    """Send each autopilot's messages once per second; drones are not in step with each other."""
     loop = asyncio.get_running_loop()
     started_s = loop.time()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:

@@ -15,7 +15,7 @@ Plan = list[tuple[str, int, int, int]]
 
 
 class Cloud(Protocol):
-    """`fog_url` is the fogs' broker as activators reach it, `drone_url` the same as drones do."""
+    """`fog_url` is the fogs' broker as activators reach it, `drone_url` the same as drones reach it."""
 
     @property
     def url(self) -> str: ...
@@ -26,7 +26,7 @@ class Cloud(Protocol):
     def start(self) -> None: ...
     def close(self) -> None: ...
     def identity(self, name: str) -> Path | None:
-        """What a node shows; None where nobody shows anything."""
+        """A node's identity; None where nodes have none."""
         ...
 
     def cpu_s(self) -> float: ...
@@ -78,11 +78,11 @@ class ThreeNodes:
         return self._cluster.acme.folder / name
 
     def cpu_s(self) -> float:
-        """Of the three nodes and the balancer."""
+        """Processor time of the three nodes and the balancer."""
         return sum(float(each["cpu_stats"]["cpu_usage"]["total_usage"]) for each in self._stats()) / 1e9
 
     def rss_mb(self) -> float:
-        """As `docker stats` has it: without what the kernel keeps of files."""
+        """Memory as in `docker stats`: without the kernel's cache of files."""
         memory = [each["memory_stats"] for each in self._stats()]
         return sum(float(each["usage"] - each["stats"].get("inactive_file", 0)) for each in memory) / 1e6
 

@@ -1,6 +1,6 @@
 """Tens of thousands of commands in simulated fogs under attack: python -m tests.bench.deadlines [HISTORIES] [SEED].
 
-Each history has its own seed; it is the adversary of tests/unit/mqttxt/test_deadlines.py, for longer.
+Each history has its own seed; the adversary is that of tests/unit/mqttxt/test_deadlines.py, for longer.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the link emulator carries on one core, and how exactly it keeps its times; needs Docker and the node image."""
+"""The link emulator's packet rates on one core, and how exactly it keeps times; needs Docker and the node image."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SECONDS = 4
 
 
 def measure() -> list[str]:
-    """Three lines, or why there are none; takes about 25 s."""
+    """Three lines, or the reason for none; takes about 25 s."""
     try:
         link = ShapedLink()
     except DockerException as error:

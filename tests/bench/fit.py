@@ -34,11 +34,11 @@ STATES = {
 SCAN_BPS = 5_000
 REPLAYS = 3
 Rates = tuple[int, int]
-"""Of each air's way up, and of the wan's way down, in bit/s."""
+"""Rates up each air link, and down the wan, in bit/s."""
 
 
 def measure() -> Iterator[str]:
-    """Lines for both sets: the load, the fit, each state's own loss, and what the shaper counted."""
+    """Lines for both sets: the load, the fit, each state's own loss, and the shaper's counts."""
     topology = standard_fleet().topology()
     plan = resolve(read_profile("thesis"), topology, "scenario-1", 1)
     rates: dict[str, list[Rates]] = {}
@@ -92,7 +92,7 @@ def _fitted(trial: Trial, found: Fit) -> Iterator[str]:
 
 
 def _by_state(trial: Trial, found: Fit) -> Iterator[str]:
-    """What becomes of the five states, which leave the autopilot at fixed places in its bursts."""
+    """The losses of the five states, which leave the autopilot at fixed places in its bursts."""
     for point in (found.one, found.six):
         shares = ", ".join(f"{state} {_percent(point.losses.kinds[kind])}" for state, kind in STATES.items())
         yield f"{'one UAV' if point is found.one else 'six UAVs'} at the fitted rates: {shares}"
@@ -104,7 +104,7 @@ def _by_state(trial: Trial, found: Fit) -> Iterator[str]:
 
 
 def _replayed(made: ShapedNetwork, streams: Streams, plan: LinksPlan, rates: Rates) -> Iterator[str]:
-    """Real packets with these rates; where a busy machine made it void, again."""
+    """Replay with real packets at these rates; again if a busy machine made it void."""
     for _ in range(REPLAYS):
         found = fit_replay.replay(made, streams, plan, *rates)
         if found.void is None:
@@ -126,7 +126,7 @@ def _replayed(made: ShapedNetwork, streams: Streams, plan: LinksPlan, rates: Rat
 
 
 def _rates(plan: LinksPlan) -> Rates:
-    """What the profile says now."""
+    """The profile's present rates."""
     air_bps, wan_bps = plan.links["air:uav1:up"].rate_bps, plan.links[DOWN].rate_bps
     assert air_bps is not None
     assert wan_bps is not None

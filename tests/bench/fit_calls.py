@@ -1,7 +1,7 @@
 """Commands on the profile's links: what they add to a drone's stream, and which calls end without their answer.
 
-A call is MAVSDK's: the command is sent again every half second until an answer comes, and the call is given up two
-seconds after it began. Commands go down, where no rate is; their answers go up, between the states.
+A call is as in MAVSDK: the command is sent again every half second until an answer arrives, and the call is given up
+two seconds after it began. Commands travel down, where no rate is set; their answers travel up, between the states.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tests.bench.fit_streams import Frame, Streams
 ANSWER = "COMMAND_ACK"
 COMMAND_BYTES, ANSWER_BYTES = 86, 64
 AGAIN_NS, LIMIT_NS = 500_000_000, 2_000_000_000
-"""MAVSDK's default timeout and three repetitions; with a way there and back of more than a second all are sent."""
+"""MAVSDK's default timeout and three repetitions; with a round trip of more than a second all are sent."""
 COPIES = 4
 
 
@@ -35,7 +35,7 @@ class Calls:
 
 
 def with_calls(streams: Streams, links: Mapping[str, LinkPlan], every_s: float, since_ns: int, seed: int) -> Calls:
-    """A call to each drone about every `every_s` seconds from `since_ns` on, at times that are drawn."""
+    """Add a call to each drone about every `every_s` seconds from `since_ns` on, at random times."""
     found: dict[int, tuple[Frame, ...]] = {}
     limits: dict[int, tuple[tuple[int, int], ...]] = {}
     begun = arrived = 0
@@ -69,7 +69,7 @@ def unanswered(calls: Calls, offered: Offered, crossed: Mapping[str, Crossed]) -
 
 
 def _down(drone: int, copies: Moving, links: Mapping[str, LinkPlan], seed: int) -> Moving:
-    """From the ground station to the drone."""
+    """The copies that arrive at the drone from the ground station."""
     fog = next(fog for fog, drones in standard_fleet().fogs.items() if drone in drones)
     for name in ("wan:gs:up", f"backhaul:fog{fog}:down", f"air:uav{drone}:down"):
         copies = cross(name, links[name], copies, seed).left

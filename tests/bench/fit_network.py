@@ -41,7 +41,7 @@ class ShapedNetwork(ShapedNodes):
 
     @contextmanager
     def shaping(self, plan: LinksPlan) -> Iterator[None]:
-        """The emulator at work; `counters` after it has what it counted."""
+        """Run the emulator while this is entered; afterwards `counters` has its counts."""
         self.write_plan(plan.to_data())
         self.output("net", ["rm", "-f", f"{FOLDER}/ready"])
         script = ["sh", "-c", f'echo $$ > {FOLDER}/pid; exec "$@"', "sh", *self.shape_command()]

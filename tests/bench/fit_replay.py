@@ -1,4 +1,4 @@
-"""Recorded streams through real links of the testbed's topology: what the shaper counts, beside the simulation."""
+"""Recorded streams through real links of the testbed's topology: the shaper's counts beside the simulation's."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ WAYS = ("air", "backhaul", "wan")
 
 @dataclass(frozen=True)
 class Replayed:
-    """A replay beside the simulation of what was really sent, at the times at which a busy machine sent it.
+    """A replay beside a simulation of the frames at their actual times, at which a busy machine sent them.
 
     measured, expected  losses of frames sent once queues had filled
     counted             by the shaper's counters, from the first frame on: lost end to end, and over all links
     worked_out          the same, simulated
     planned             the same of the recording's own times
     late_ms             how late the latest frame was sent
-    void                why the shaper says that the run does not count
+    void                why the run does not count, by the shaper's counters
     """
 
     measured: Losses
@@ -50,7 +50,7 @@ class Replayed:
 
 @contextmanager
 def network(topology: Topology) -> Iterator[ShapedNetwork]:
-    """The nodes, and none of them afterwards."""
+    """Start the nodes of a topology, and remove them afterwards."""
     made = ShapedNetwork(topology)
     try:
         yield made.up()
@@ -85,7 +85,7 @@ def replay(made: ShapedNetwork, streams: Streams, plan: LinksPlan, air_bps: int,
 
 
 def _send(made: ShapedNetwork, drone: int, stream: tuple[Frame, ...], begin_ns: int) -> tuple[Frame, ...]:
-    """The stream as it was sent."""
+    """Send a stream; returns it with its actual times."""
     file = f"uav{drone}.json"
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / file).write_text(json.dumps([frame[:2] for frame in stream]))
@@ -99,7 +99,7 @@ def _late_ns(sent: tuple[Frame, ...], planned: tuple[Frame, ...]) -> int:
 
 
 def _counted(links: Mapping[str, Mapping[str, int]]) -> tuple[float, float]:
-    """Shares lost of what came onto the air, and of what came onto any link, of the links on the way up."""
+    """Shares lost on the links up: of the frames that entered the air links, and of those that entered any link."""
     left: Counter[str] = Counter()
     lost: Counter[str] = Counter()
     for name, link in links.items():
@@ -111,13 +111,13 @@ def _counted(links: Mapping[str, Mapping[str, int]]) -> tuple[float, float]:
 
 
 def _counters_of(crossed: Mapping[str, Crossed]) -> dict[str, dict[str, int]]:
-    """The shaper's, as far as they are needed."""
+    """A simulation's counters in the shaper's form, as far as they are needed."""
     return {
         name: {"left": len(link.left), "queue": link.queue, "random": link.random} for name, link in crossed.items()
     }
 
 
 def _as_crossed(offered: Offered, crossed: Mapping[str, Crossed], come: Mapping[int, Any]) -> dict[str, Crossed]:
-    """The simulation's links, with what really came at the end of the last."""
+    """The simulation's links, with the frames that really arrived at the end of the last."""
     arrived = [offered.by_drone[drone][number] for drone, numbers in come.items() for number in numbers]
     return {**crossed, DOWN: replace(crossed[DOWN], left=arrived)}

@@ -1,4 +1,4 @@
-"""Which rates make a profile lose what the thesis lost: found by halving, each tried frame by frame."""
+"""Searches by bisection for the rates at which a profile loses what the thesis lost, each simulated by frames."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ ONE_UAV, SIX_UAVS = (0.08, 0.15), (0.20, 0.28)
 """Shares that the thesis lost: of states with one UAV, of packets with six."""
 ONE_UAV_MEAN, SIX_UAVS_MEAN = (8 + 14 + 15 + 12 + 15) / 500, (28 + 20 + 21 + 20) / 400
 SETTLED_NS = 5_000_000_000
-"""Frames sent before do not count: queues fill in that time."""
+"""Frames sent before this do not count: queues fill in that time."""
 CALL_EVERY_S = 1.0
 AIR_STEP_BPS, WAN_STEP_BPS = 1_000, 10_000
 Range = tuple[int, int]
-"""The lowest and the highest rate that keep a target."""
+"""The lowest and the highest rate that meet a target."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """What a pair of rates does; `calls` is the share of calls without their answer in time."""
+    """The results of a pair of rates; `calls` is the share of calls without an answer in time."""
 
     air_bps: int
     wan_bps: int | None
@@ -37,11 +37,11 @@ class Point:
 class Fit:
     """Rates for one set of streams.
 
-    air       keeps the states' loss of each drone by itself
-    wan       keeps, with the fitted air, the loss of six drones' frames end to end
-    wan_wire  keeps it of frames over all links
-    one, six  what the fitted rates do, without and with a rate on the wan
-    wire      what the middle of `wan_wire` does
+    air       meets the states' loss of each drone alone
+    wan       meets, with the fitted air, the loss of six drones' frames end to end
+    wan_wire  meets that loss of frames over all links
+    one, six  the results of the fitted rates, without and with a rate on the wan
+    wire      the results of the middle of `wan_wire`
     """
 
     air: Range
@@ -68,14 +68,14 @@ class Trial:
         return to_cloud(self._offered, with_rates(self._links, air_bps, None), self._seed)
 
     def _at(self, air_bps: int, wan_bps: int | None = None) -> Point:
-        """Without a rate on the wan the drones do not meet: it is one UAV, six times."""
+        """Simulate rates; without one on the wan the drones do not interact: it is one UAV, six times."""
         crossed = finish(self._offered, self._to_cloud(air_bps), with_rates(self._links, air_bps, wan_bps), self._seed)
         found = losses(self._offered, crossed, SETTLED_NS)
         return Point(air_bps, wan_bps, found, unanswered(self._calls, self._offered, crossed))
 
 
 def fit(trial: Trial) -> Fit:
-    """The air for the thesis's mean loss of states, then the wan for its mean loss with six UAVs."""
+    """Fit the air to the thesis's mean loss of states, then the wan to its mean loss with six UAVs."""
     bounds = (trial.load_bps // 2, trial.load_bps * 5 // 4)
 
     def most(air_bps: int) -> float:
@@ -98,7 +98,7 @@ def fit(trial: Trial) -> Fit:
 
 
 def wan_for(trial: Trial, air_bps: int, loss: Callable[[Point], float]) -> tuple[Range, int]:
-    """The wan's rates that keep the loss of six UAVs, and the one nearest to its mean."""
+    """The wan's rates that meet the loss of six UAVs, and the one nearest to its mean."""
     bounds = (trial.load_bps, trial.load_bps * 8)
 
     def share(wan_bps: int) -> float:
@@ -123,7 +123,7 @@ def lowest(share: Callable[[int], float], wanted: float, bounds: Range, step: in
 
 
 def with_rates(links: Mapping[str, LinkPlan], air_bps: int, wan_bps: int | None) -> dict[str, LinkPlan]:
-    """The profile's links with other rates on the way up; None is without."""
+    """The profile's links with other rates on the way up; None: no rate."""
     found = dict(links)
     for name, link in links.items():
         if name.startswith("air:") and name.endswith(":up"):

@@ -1,7 +1,7 @@
-"""Sends a recorded stream again, frame for frame, and tells what came of it; runs on a node, with Python alone.
+"""Replays a recorded stream, frame by frame, and reports its arrivals; runs on a node, with Python alone.
 
 fit_sender.py send FILE HOST BEGIN_NS     FILE has [[t_ns, size], …] in JSON; BEGIN_NS of the monotonic clock is 0
-fit_sender.py receive SILENCE_S           until nothing comes for SILENCE_S; then prints the numbers by sender
+fit_sender.py receive SILENCE_S           until nothing arrives for SILENCE_S; then prints the numbers by sender
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _NUMBER = struct.Struct(">I")
 
 
 def send(file: Path, host: str, begin_ns: int) -> None:
-    """Frames that are due at once go at once; each is its number and zeros. Prints when each went, as in the file."""
+    """Send frames, those due together at once; each is its number and zeros. Prints their times, as in the file."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, NICE)
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -40,7 +40,7 @@ def send(file: Path, host: str, begin_ns: int) -> None:
 
 
 def receive(silence_s: float) -> None:
-    """Prints `listening` first."""
+    """Print `listening`, receive, and print the numbers by sender."""
     come = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     come.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 64 << 20)
     come.bind(("0.0.0.0", PORT))

@@ -1,4 +1,4 @@
-"""Streams through a profile's links, frame by frame and without I/O: what is lost where, and of which kind.
+"""Streams through a profile's links, frame by frame and without I/O: the losses by place and by kind.
 
 Each link has the plan's two stages: a rate with its queue, then random loss, delay and jitter. The first is exact, in
 whole nanoseconds: a frame leaves when its last bit is sent, and one that finds `queue_packets` frames in the stage is
@@ -19,7 +19,7 @@ from net.link_plan import LinkPlan
 from tests.bench.fit_streams import Streams
 
 DOWN = "wan:gs:down"
-"""From the cloud to the ground station: the last link of what drones send."""
+"""From the cloud to the ground station: the last link of the drones' messages."""
 _NS = 1_000_000_000
 _Label = TypeVar("_Label", int, str)
 Moving = list[tuple[int, int, int]]
@@ -28,7 +28,7 @@ Moving = list[tuple[int, int, int]]
 
 @dataclass(frozen=True)
 class Crossed:
-    """What one link did, in frames; `left` are those on their way on."""
+    """One link's results, in frames; `left` are those that it passed on."""
 
     entered: int
     left: Moving
@@ -40,7 +40,7 @@ class Crossed:
 class Losses:
     """Shares of frames.
 
-    end_to_end  sent by a drone and not come to the ground station / sent
+    end_to_end  sent by a drone and not arrived at the ground station / sent
     wire        entered a link and did not leave it / entered, over all links on the way
     drones      end to end, for each drone
     kinds       end to end, for each kind of message
@@ -71,12 +71,12 @@ class Offered:
 
 
 def run(offered: Offered, links: Mapping[str, LinkPlan], seed: int) -> dict[str, Crossed]:
-    """Every link on the way to the ground station, by name."""
+    """Simulate every link on the way to the ground station; returns them by name."""
     return finish(offered, to_cloud(offered, links, seed), links, seed)
 
 
 def to_cloud(offered: Offered, links: Mapping[str, LinkPlan], seed: int) -> dict[str, Crossed]:
-    """Air and backhaul, by name."""
+    """Simulate air and backhaul; returns them by name."""
     found: dict[str, Crossed] = {}
     for fog, drones in offered.fogs.items():
         names = [f"air:uav{drone}:up" for drone in drones]
@@ -91,18 +91,18 @@ def to_cloud(offered: Offered, links: Mapping[str, LinkPlan], seed: int) -> dict
 def finish(
     offered: Offered, crossed: Mapping[str, Crossed], links: Mapping[str, LinkPlan], seed: int
 ) -> dict[str, Crossed]:
-    """What `to_cloud` gave, and the last link after it."""
+    """Simulate the last link after the results of `to_cloud`; returns all."""
     together = merged(crossed[f"backhaul:fog{fog}:up"].left for fog, drones in offered.fogs.items() if drones)
     return {**crossed, DOWN: cross(DOWN, links[DOWN], together, seed)}
 
 
 def merged(flows: Iterable[Moving]) -> Moving:
-    """Flows that meet, in the order of time."""
+    """Merge flows in the order of time."""
     return sorted((frame for flow in flows for frame in flow), key=itemgetter(0))
 
 
 def cross(name: str, link: LinkPlan, frames: Moving, seed: int) -> Crossed:
-    """Frames in the order of time through one link."""
+    """Send frames, in the order of time, through one link."""
     sent = send(frames, link.rate_bps, link.queue_packets)
     draw = random.Random(f"{seed}/{name}").random
     kept = [frame for frame in sent if draw() >= link.loss] if link.loss else sent
@@ -112,7 +112,7 @@ def cross(name: str, link: LinkPlan, frames: Moving, seed: int) -> Crossed:
 
 
 def send(frames: Moving, rate_bps: int | None, queue_packets: int | None) -> Moving:
-    """The rate stage: when the last bit of each frame is sent; what finds the queue full is missing."""
+    """The rate stage: when the last bit of each frame is sent; a frame that finds the queue full is left out."""
     if rate_bps is None:
         return frames
     leaving: deque[int] = deque()
@@ -129,7 +129,7 @@ def send(frames: Moving, rate_bps: int | None, queue_packets: int | None) -> Mov
 
 
 def delay(frames: Moving, delay_ns: int, jitter: Callable[[int], int], keeps_order: bool) -> Moving:
-    """The second stage: a deviation of the time at which a frame was sent, and never before one ahead of it."""
+    """The second stage: delay with the jitter of a frame's time, and in order never before the frame ahead of it."""
     left, last_ns = [], 0
     for now_ns, size, number in frames:
         due_ns = max(now_ns, now_ns + delay_ns + jitter(now_ns))
@@ -140,7 +140,7 @@ def delay(frames: Moving, delay_ns: int, jitter: Callable[[int], int], keeps_ord
 
 
 def losses(offered: Offered, crossed: Mapping[str, Crossed], since_ns: int = 0) -> Losses:
-    """Of the frames that were sent from `since_ns` on: before it queues still fill."""
+    """The losses of frames sent from `since_ns` on: before that, queues still fill."""
     sent_ns = offered.sent_ns
     counted = [number for number, t_ns in enumerate(sent_ns) if t_ns >= since_ns]
     hops: Counter[str] = Counter()
@@ -158,6 +158,6 @@ def losses(offered: Offered, crossed: Mapping[str, Crossed], since_ns: int = 0) 
 
 
 def _shares(labels: Sequence[_Label], counted: Sequence[int], come: Sequence[int]) -> dict[_Label, float]:
-    """By label the share of numbers that did not come."""
+    """By label, the share of numbers that did not arrive."""
     arrived = Counter(labels[number] for number in come)
     return {label: 1 - arrived[label] / sent for label, sent in Counter(labels[number] for number in counted).items()}

@@ -1,4 +1,4 @@
-"""What autopilots stream, frame by frame: recorded from the stand-in's processes, or worked out with exact ticks."""
+"""Autopilots' streams, frame by frame: recorded from the stand-in's processes, or computed with exact ticks."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from sitl.vehicle import Vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADERS = 14 + 20 + 8
-"""Ethernet, IPv4 and UDP. A router forwards one message a datagram, as the autopilot sends."""
+"""Headers of Ethernet, IPv4 and UDP. A router forwards one message per datagram, as the autopilot sends them."""
 TICK_NS = 10_000_000
 WARM_UP_S = 8.0
-"""From the first datagram until all fly at their height."""
+"""The time from the first datagram until all fly at their height."""
 _SO_TIMESTAMPNS = 35
 _TIMESPEC = struct.Struct("@ll")
 _SO_RCVBUFFORCE = 33
@@ -34,7 +34,7 @@ _KINDS = {number: message.msgname for number, message in mavlink.mavlink_map.ite
 
 
 class Frame(NamedTuple):
-    """A datagram as an Ethernet frame without FCS; times count from the recording's begin."""
+    """A datagram as an Ethernet frame without FCS; times count from the start of the recording."""
 
     t_ns: int
     size: int
@@ -62,7 +62,7 @@ def load_of(stream: tuple[Frame, ...]) -> Load:
 
 
 def exact(chosen: str, seconds: float, system: int = 1, start_ns: int = 0) -> tuple[Frame, ...]:
-    """The stand-in's own messages in flight, with every tick in its place; the first WARM_UP_S are left out."""
+    """The stand-in's own messages in flight, with every tick on time; the first WARM_UP_S are left out."""
     vehicle, codec = Vehicle(DroneConfig(system), [chosen]), mavlink.MAVLink(None, system, 1)
     frames = []
     for tick in range(round((seconds + WARM_UP_S) * 1e9) // TICK_NS):
@@ -80,7 +80,7 @@ def exact(chosen: str, seconds: float, system: int = 1, start_ns: int = 0) -> tu
 
 
 def record(chosen: str, drones: int, seconds: float) -> Streams:
-    """What processes of the stand-in in flight send to loopback, by the kernel's receive times."""
+    """Record what the stand-in's processes send to loopback in flight, with the kernel's receive times."""
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         sockets = {drone: stack.enter_context(_receiver()) for drone in range(1, drones + 1)}
@@ -92,20 +92,20 @@ def record(chosen: str, drones: int, seconds: float) -> Streams:
 
 
 def write(path: Path, streams: Streams) -> None:
-    """As JSON: for each drone its frames as [t_ns, size, kind]."""
+    """Write streams as JSON: for each drone its frames as [t_ns, size, kind]."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(dict(streams)))
 
 
 def read(path: Path) -> Streams:
-    """What `write` wrote."""
+    """Read streams that `write` has written."""
     return {
         int(drone): tuple(Frame(*frame) for frame in frames) for drone, frames in json.loads(path.read_text()).items()
     }
 
 
 def _take_off(system: int) -> Iterator[mavlink.MAVLink_message]:
-    """Arm, and take off, as messages of a ground station that came in."""
+    """A ground station's messages to arm and take off, as received."""
     sender, receiver = mavlink.MAVLink(None, 245, 190), mavlink.MAVLink(None)
     for command, first in ((400, 1.0), (22, 0.0)):
         message = mavlink.MAVLink_command_long_message(system, 1, command, 0, first, 0, 0, 0, 0, 0, 1000.0)
@@ -135,7 +135,7 @@ def _flying(chosen: str, drone: int, port: int, folder: str) -> Iterator[None]:
 
 
 def _start(sockets: Mapping[int, socket.socket]) -> int:
-    """Answer each drone's first datagram with arm and takeoff; when the last was answered, in the clock's ns."""
+    """Answer each drone's first datagram with arm and takeoff; returns when the last was answered, ns since 1970."""
     for drone, come in sockets.items():
         come.setblocking(True)
         come.settimeout(30)
@@ -159,7 +159,7 @@ def _listen(sockets: Mapping[int, socket.socket], begin_ns: int, end_ns: int) ->
 
 
 def _take(come: socket.socket, frames: list[Frame], begin_ns: int, end_ns: int) -> None:
-    """Everything that waits at a socket."""
+    """Read everything that waits at a socket."""
     with contextlib.suppress(BlockingIOError):
         while True:
             data, ancillary, _, _ = come.recvmsg(2048, 64)

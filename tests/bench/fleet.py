@@ -1,4 +1,4 @@
-"""Drones that exist only as messages: as many as asked for, at one fog broker, by way of one connection."""
+"""Drones that exist only as messages: any number of them at one fog broker, over one connection."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Fleet:
         self._client: RawClient | None = None
 
     async def start(self) -> None:
-        """Connect, be born, answer leases; then each state once in full, which names its alias."""
+        """Connect, publish births, answer leases; then send each state once in full, which sets its alias."""
         client = self._client = await RawClient.connect(self._port, f"fleet-{self._topics.root}", self._on_lease)
         await client.subscribe(f"{self._topics.root}+/init_connect", qos=1)
         for number, session in self._sessions.items():
@@ -92,7 +92,7 @@ class Fleet:
         return len(self._sessions)
 
     def send_part(self, part: int, parts: int) -> None:
-        """Those of the drones' states that are sent in one of `parts` equal slices of their interval."""
+        """Send those of the drones' states that are due in one of `parts` equal slices of their interval."""
         assert self._client is not None
         now = self.stamp().to_bytes(2, "big")
         packets = self._packets[part::parts]
@@ -109,7 +109,7 @@ class Fleet:
         self._client.publish(topic, payload, qos)
 
     def stamp(self) -> int:
-        """A stamp that three bytes of CBOR carry."""
+        """The present stamp, kept to values that take three bytes of CBOR."""
         return max(256, int((time.monotonic() - self._born_s) * 100) + 256) % 65_536
 
     def close(self) -> None:

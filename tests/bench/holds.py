@@ -20,10 +20,10 @@ from tests.rigs.px4 import HOLD, Px4, Px4Pilot
 from tests.rigs.real_flights import HOME, Flight, Pilot
 
 GOALS = {5.0: (5.0, 45.0), 10.0: (7.0, 45.0)}
-"""Of a goto at so many metres a second: it is to stand still after so many seconds, and so many metres farther on."""
+"""By a goto's speed in metres per second: the seconds and metres within which the drone is to stand still."""
 COUNT = 20
 AT_ONCE = 5
-"""Holds of one flight: a battery lasts as long."""
+"""Holds per flight: a battery lasts for that many."""
 AWAY_DEG = 0.004
 STILL_M_S = 0.5
 LIMIT_S = 15.0
@@ -34,11 +34,11 @@ WATCHED_S = 5.0
 @dataclass(frozen=True, slots=True)
 class Stop:
     after_s: float
-    """Until it is still after a hold in a goto; LIMIT_S where it is not."""
+    """Time until it is still after a hold in a goto; LIMIT_S if it is not."""
     way_m: float
-    """North or east."""
+    """The distance north or east, whichever is greater."""
     word: str
-    """The hold's last one."""
+    """The hold's last word."""
 
 
 def measure() -> Iterator[str]:

@@ -1,8 +1,8 @@
-"""From a call of the API to the autopilot's receipt: MQTT-XT beside MAVSDK through three mavp2p routers, on loopback.
+"""The time from an API call to the autopilot's receipt: MQTT-XT, and MAVSDK through three mavp2p routers, on loopback.
 
-Both go station, cloud, fog, UAV, autopilot. MQTT-XT has a broker at the cloud, an activator and a broker at the fog and
-a UAV client; MAVLink has a router at each. In turns with them, in the same run: a QoS 1 message of a command's length
-through the same two Mosquittos, joined by Mosquitto's bridge, to a bare subscriber.
+The way of both is station, cloud, fog, UAV, autopilot. MQTT-XT has a broker at the cloud, an activator and a broker at
+the fog and a UAV client; MAVLink has a router at each. In turns with them, in the same run: a QoS 1 message of a
+command's length through the same two Mosquittos, joined by Mosquitto's bridge, to a bare subscriber.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from tests.rigs.routers import chain
 
 COMMANDS, COMMANDS_ON_DISK = 2000, 500
 WARM_UP = 20
-"""Turns before those that count."""
+"""Turns before the measured ones."""
 ROUTERS = 3
 MEMORY = Path("/dev/shm")
-"""Where a journal costs no wait for a disk, as in the testbed's containers."""
+"""A folder where a journal does not wait for a disk, as in the testbed's containers."""
 _BARE_BYTES = 24
 """About a command's payload."""
 _BRIDGE = """
@@ -45,12 +45,12 @@ topic bare out 1
 """
 
 Turn = Callable[[], Awaitable[float]]
-"""One command, to its acknowledgement; gives the milliseconds from the call to the receipt."""
+"""Sends one command and awaits its acknowledgement; returns the milliseconds from the call to the receipt."""
 
 
 @dataclass(frozen=True)
 class Percentiles:
-    """Of many turns, in milliseconds."""
+    """Percentiles of many turns, in milliseconds."""
 
     p50: float
     p99: float

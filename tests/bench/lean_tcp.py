@@ -1,4 +1,4 @@
-"""What TCP costs on the air links of a flown series: `python -m tests.bench.lean_tcp results/scenario-1/latest`."""
+"""The cost of TCP on the air links of a flown series: `python -m tests.bench.lean_tcp results/scenario-1/latest`."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from testbed.numbers.metrics import mission_window
 from testbed.numbers.packets import load
 
 WAITS_NS = 40_000_000
-"""Linux delays an acknowledgement at least so long for data that it could ride on (TCP_DELACK_MIN)."""
+"""Linux delays an acknowledgement at least this long for data on which it could ride (TCP_DELACK_MIN)."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame of one end of a connection: when it entered its link, its bytes, and of them TCP's payload."""
+    """A frame of one end of a connection: when it entered its link, its bytes, and those of TCP's payload."""
 
     t_ns: int
     size: int
@@ -29,7 +29,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Costs:
-    """Frames and bytes a second; of them bare acknowledgements, and those that data of the same end followed soon."""
+    """Frames and bytes per second; those of bare acknowledgements, and of ones soon followed by the same end's data."""
 
     frames: float
     bytes: float
@@ -67,7 +67,7 @@ def measure(path: Path) -> list[str]:
 
 
 def costs(path: Path) -> Costs:
-    """Of an attempt, in the window of its mission."""
+    """The costs of an attempt, in the window of its mission."""
     attempt = next(one for one in open_series(path.parents[1]).attempts() if one.path == path)
     packets = load(attempt)
     window = mission_window(attempt, attempt.events(), packets)

@@ -1,8 +1,8 @@
-"""A load of whole roles: fogs of drones at one cloud, five states a second of each in bundles, and commands to all.
+"""A load of whole roles: fogs of drones at one cloud, five states per second of each in bundles, and commands to all.
 
 Every drone is a real UAV client with a connection of its own, on a light autopilot (`load_drones`); every fog has its
 activator, a process; one process is the station of all fleets (`load_station`). MAVLink has 250 ids, so that more
-drones are several fleets, each below a prefix of its own. Everything is on this machine: one monotonic clock says when
+drones are several fleets, each below a prefix of its own. Everything is on this machine: one monotonic clock tells when
 a command was sent, and when it was carried out.
 """
 
@@ -29,14 +29,14 @@ from tests.bench.load_station import LAST_WORDS_S, REACHABLE_S, TTL_S
 from tests.rigs.processes import Process, eventually
 
 SETTLING_S = 5.0
-"""Before what counts: all drones have become reachable at once."""
+"""The pause before the measurement: all drones have become reachable at once."""
 ENDING_S = 180.0
-"""How long a process may take to end, behind the last words: a full machine says a thousand goodbyes slowly."""
+"""How long a process may take to end, after the last words: a thousand goodbyes take long on a full machine."""
 
 
 @dataclass(frozen=True)
 class Fogs:
-    """Fogs of as many drones each, in fleets of as many as have ids, but in `fleets` at least."""
+    """`fogs` fogs of `drones` drones each, in fleets of as many as have ids, but at least in `fleets` of them."""
 
     fogs: int
     drones: int
@@ -57,10 +57,10 @@ class Fogs:
 
 @dataclass(frozen=True)
 class Load:
-    """What a run has shown. Shares are of one core, memory is in megabytes: a quarter into the run, and at its end.
+    """The results of a run. Shares are of one core, memory is in megabytes: a quarter into the run, and at its end.
 
-    `median_s` and `slowest_s` are from a call to the autopilot, `start_s` is until all drones were controlled, all
-    processes having been started at once.
+    `median_s` and `slowest_s` are from a call to the autopilot, `start_s` is from the start of all processes at once
+    until all drones were controlled.
     """
 
     seconds: float
@@ -89,7 +89,7 @@ def measure(
     write: Path | None = None,
     cloud: str = MOSQUITTO,
 ) -> list[str]:
-    """Lines of figures; takes about a minute longer than `minutes`. They are added to the file `write` too.
+    """Lines of figures; takes about a minute longer than `minutes`. With `write`, they are also added to that file.
 
     `cloud` is one of CLOUDS; the cluster's has one fleet.
     """
@@ -119,7 +119,7 @@ def measure(
 
 
 async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float, cloud: str = MOSQUITTO) -> Load:
-    """Start all, let them run, end them, and compare what was sent with what was carried out."""
+    """Start all, let them run, end them, and compare the commands sent with those carried out."""
     plan = of.plan()
     with ExitStack() as stack:
         broker = CLOUDS[cloud](folder, plan)
@@ -174,7 +174,7 @@ def _ended(*processes: Process) -> list[Process]:
 
 
 def _root(prefix: str, fog: int) -> str:
-    """Of a fog's side, where no station listens."""
+    """The root of a fog's side, where no station listens."""
     return f"air/{prefix}fog{fog}/"
 
 
@@ -205,7 +205,7 @@ def judged(
     shares: dict[str, float],
     memory: dict[str, tuple[float, float]],
 ) -> Load:
-    """What the reports in the folder say together. What was carried out before any command counts as doubled."""
+    """Evaluate the reports in a folder. A command carried out before any was sent counts as doubled."""
     said = json.loads((folder / "station.json").read_text())
     reports = [json.loads(path.read_text()) for path in folder.glob("drones-*.json")]
     failed = [error for report in reports for error in report["failed"]]

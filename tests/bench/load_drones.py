@@ -1,11 +1,11 @@
 """UAV clients by the hundred in one process: `load_drones BROKER PLAN REPORT`.
 
 Each is a whole role with a connection of its own. Beneath it is a light autopilot in place of a link: MAVLink messages
-as objects, a few a second. Journals are left out: a disk's cost is not what is measured. One schedule calls all roles
-and autopilots in turn, each role ten times per second, as seldom as it may be: a timer for each of them would cost as
+as objects, a few per second. Journals are left out, as a disk's cost is not measured here. One schedule calls all roles
+and autopilots in turn, each role ten times per second, the lowest allowed rate: a timer for each of them would cost as
 much as the roles do.
-PLAN is JSON, `[[root, first, last], …]`: the drones below each root. REPORT gets at the end what each autopilot was
-told to do: `{"commanded": {root + drone: [[MAV_CMD, seconds of CLOCK_MONOTONIC], …]}, "failed": […]}`.
+PLAN is JSON, `[[root, first, last], …]`: the drones below each root. At the end REPORT gets the commands to each
+autopilot: `{"commanded": {root + drone: [[MAV_CMD, seconds of CLOCK_MONOTONIC], …]}, "failed": […]}`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
 from mqttxt.core.effects import Inbound
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.runner import Runner
 from mqttxt.core.settings import Settings, next_turn_ms
 from mqttxt.drone.commands import LINK
@@ -46,14 +47,14 @@ CELLS = [4000] * 4 + [65_535] * 6
 """Millivolts of four cells; there are no others."""
 CONNECTS_EVERY_S = 0.002
 STEADY = Policy(lambda _old, _new: True, min_interval_ms=800)
-"""In each bundle, once per second, changed or not; one that came late does not keep the next one back."""
+"""Puts a state into each bundle, once per second, changed or not; a late one does not delay the next."""
 BEAT_MS = 1000
 TICKS_PER_S, PARTS = 10, 5
-"""How often each role is called, and in how many parts of the drones, one behind the other."""
+"""How often each role is called, and in how many parts of the drones, one after the other."""
 
 
 class LightAutopilot:
-    """A PX4 on the ground that arms and disarms, says where it is once a second, and notes what it was told to do."""
+    """A PX4 on the ground that arms and disarms, reports its place once per second, and records its commands."""
 
     def __init__(self, system: int) -> None:
         self.commanded: list[tuple[int, float]] = []
@@ -63,7 +64,7 @@ class LightAutopilot:
         self._turn = random.randrange(1000)
 
     def beat(self) -> list[Any]:
-        """What it says every second, another value each time; the rest of it every other second, as a PX4 does."""
+        """Its messages of a second, with new values each time; some only every other second, as from a PX4."""
         self._turn += 1
         since_boot_ms = round(1000 * (time.monotonic() - self._booted_s))
         angle, up_mm = self._turn / 20 % math.tau, 100 * (self._turn % 9)
@@ -83,7 +84,7 @@ class LightAutopilot:
         return self._signed(said)
 
     def take(self, message: Any, source: Source) -> list[Any]:
-        """What it answers to what its UAV client writes to it, in the name of `source`."""
+        """Its answers to a message that its UAV client writes in the name of `source`."""
         kind = message.get_type()
         if kind == "PARAM_REQUEST_READ":
             value = mavlink.MAVLink_param_value_message(message.param_id.encode(), FASTEST_M_S, 9, 1, 65_535)
@@ -107,7 +108,7 @@ class LightAutopilot:
         return mavlink.MAVLink_heartbeat_message(2, 12, 1 | (ARMED if self._is_armed else 0), PX4_HOLD, 4, 3)
 
     def _signed(self, messages: list[Any]) -> list[Any]:
-        """With the autopilot's ids."""
+        """Give messages the autopilot's ids."""
         for message in messages:
             message._header = mavlink.MAVLink_header(message.id, srcSystem=self._system, srcComponent=1)
         return messages
@@ -132,13 +133,13 @@ class LightRunner(Runner):
         return [link.run() for link in self.links.values()]
 
     def turn(self) -> None:
-        """What is due by time at the autopilot and at the role."""
+        """Do what is due at the autopilot and at the role."""
         self._beat()
         self.carry_out(self.client.tick(self.clock.now_ms()))
 
     def carry_out(self, outputs: Iterable[Any]) -> None:
-        """The autopilot answers behind all that was told to it: a turn of a full process may take longer than a UAV
-        client waits before it tells it again.
+        """Carry out outputs, and let the autopilot answer after all of them: a turn of a full process may take longer
+        than a UAV client waits before it repeats a message.
         """
         self._depth += 1
         super().carry_out(outputs)
@@ -148,7 +149,7 @@ class LightRunner(Runner):
             self._hear(answers)
 
     def received(self, link: str, message: Inbound) -> None:
-        """An autopilot of its own would have gone on while this process had no processor: it is heard first."""
+        """Let the autopilot send first: a real one would have gone on while this process had no processor."""
         self._beat()
         super().received(link, message)
 
@@ -163,7 +164,7 @@ class LightRunner(Runner):
             self.carry_out(self.client.desk.on_journalled(output.id, self.clock.now_ms()))
 
     def _transmit(self, effect: Transmit) -> None:
-        """As in a UAV client's own runner: a last look at the clock before the write."""
+        """Write as a UAV client's own runner does: it reads the clock for the last time before the write."""
         late = effect.not_after_ms is not None and self.clock.now_ms() > effect.not_after_ms
         if not late:
             self._answers += self.autopilot.take(effect.message, effect.source)
@@ -180,7 +181,7 @@ class LightRunner(Runner):
 
 
 async def turn(runners: list[LightRunner]) -> None:
-    """Call all runners for ever, those that are added meanwhile too; what was missed is not made up for."""
+    """Call all runners for ever, including those that are added meanwhile; missed calls are not made up for."""
     loop, pause_s = asyncio.get_running_loop(), 1 / (TICKS_PER_S * PARTS)
     due_s, part = loop.time(), 0
     while True:

@@ -26,7 +26,7 @@ LAST_WORDS_S = 60.0
 
 
 class Commanded:
-    """A drone, and what became of the commands to it."""
+    """A drone, and the outcomes of the commands to it."""
 
     def __init__(self, drone: Drone) -> None:
         self.drone = drone

@@ -1,7 +1,7 @@
-"""What `net` carries as a whole, beside what a flight needs; needs Docker and the node image.
+"""The packet rate that `net` carries as a whole, beside what a flight needs; needs Docker and the node image.
 
-`net` routes, captures on both sides and emulates, as in a flight. Every packet enters one link, as the packets of a
-flight are counted; so one over three links is three.
+`net` routes, captures on both sides and emulates, as in a flight. Every packet enters one link; a flight's packets are
+counted per link, so that one over three links is three.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ FINDINGS = Path(__file__).parents[2] / "docs" / "findings" / "scenario-1"
 RATES_HZ = (1_000, 2_000, 3_000, 4_000, 6_000, 8_000, 12_000, 16_000, 24_000, 32_000)
 SIZE_BYTES, SECONDS, DELAY_US = 100, 4, 20_000
 SENT = 0.95
-"""Of a rate, what the sender has to reach, or it is its limit that was found."""
+"""The share of a rate that the sender has to reach; otherwise the limit found is the sender's."""
 
 
 def measure() -> list[str]:
-    """One line, or why there is none; takes a minute or two."""
+    """One line, or the reason for none; takes a minute or two."""
     needed = {protocol: most_needed(FINDINGS, protocol) for protocol in ("mqttxt", "mavlink")}
     try:
         link = ShapedLink()
@@ -42,7 +42,7 @@ def measure() -> list[str]:
 
 
 def most_needed(findings: Path, protocol: str) -> tuple[float, str]:
-    """Packets a second and drone, on all links together, of the busiest series of a folder; and that one's name."""
+    """Packets per second and drone, on all links together, of the busiest series of a folder, and that one's name."""
     found: list[tuple[float, str]] = []
     for path in sorted(findings.glob("*/*/metrics.json")):
         side = json.loads(path.read_text())["protocols"].get(protocol, {"attempts": []})
@@ -54,7 +54,7 @@ def most_needed(findings: Path, protocol: str) -> tuple[float, str]:
 
 
 def _limit_hz(link: ShapedLink) -> tuple[float, str]:
-    """The highest of the rates that was carried, and what ended the search."""
+    """The highest rate that was carried, and what ended the search."""
     best_hz = 0.0
     for rate_hz in RATES_HZ:
         sent_hz, against = _carry(link, rate_hz)
@@ -65,7 +65,7 @@ def _limit_hz(link: ShapedLink) -> tuple[float, str]:
 
 
 def _carry(link: ShapedLink, rate_hz: int) -> tuple[float, str | None]:
-    """At which rate packets were sent, and what was not as it has to be."""
+    """The rate at which packets were sent, and what went wrong, or None."""
     count = rate_hz * SECONDS
     with link.routing(plan_of(planned := {"delay_us": DELAY_US}, (), planned), always=True, shaper="nfqueue") as net:
         rows = net.flow(count, rate_hz, SIZE_BYTES)

@@ -1,8 +1,8 @@
-"""How old a state is when the live page shows it, from its publication by a drone, and what the page's process costs.
+"""The age of a state when the live page shows it, since its publication by a drone, and the page's process's cost.
 
 Drones that exist only as messages publish five states each at 1 Hz, all of them moving, to a fog's Mosquitto; an
 activator and the cloud's Mosquitto bring them to `mqttxt gs page`, which controls the drones and is open in Chromium.
-A state is on screen in the frame after its value's change in the table. Chromium and this process have one clock.
+A state is on screen in the frame after its value's change in the table. Chromium and this process share a clock.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tests.rigs.served_page import Served
 DRONES = 250
 """As many as there are MAVLink system ids."""
 WARM_UP_TURNS, TURNS = 10, 60
-"""Of one second each: every drone publishes every state once."""
+"""Turns of one second each, in which every drone publishes every state once."""
 PARTS = 50
 """In how many equal parts of a second the drones publish, one after the other."""
 DUE_MS = 200.0
@@ -49,14 +49,14 @@ _PROBE = """(() => {
 
 
 class Movers(Fleet):
-    """Drones on circles of their own, each value another one every turn; `said` has when each speed was published."""
+    """Drones on circles of their own, with new values every turn; `said` has when each speed was published, in ms."""
 
     def __init__(self, port: int, numbers: range, root: str) -> None:
         super().__init__(port, numbers, root)
         self.said: dict[tuple[int, str], float] = {}
 
     def publish_part(self, turn: int, part: int, parts: int) -> None:
-        """The states of those drones that publish in one of `parts` equal slices of a turn."""
+        """Publish the states of those drones that are due in one of `parts` equal slices of a turn."""
         assert self._client is not None
         for number in list(self._sessions)[part::parts]:
             speed = Groundspeed(0.1 * turn)
@@ -77,13 +77,13 @@ class Movers(Fleet):
 
 
 def shown_speed(speed: Groundspeed) -> str:
-    """As the page's table has it."""
+    """A speed as the page's table shows it."""
     return f"{speed.groundspeed_m_s:.1f} m/s"
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Ages in milliseconds, ranked, with infinity for what was never shown; shares of one core."""
+    """Ranked ages in milliseconds, infinite for updates that were never shown; shares of one core."""
 
     ages_ms: list[float]
     at_broker_ms: list[float]
@@ -173,7 +173,7 @@ def _note(heard: dict[tuple[int, str], float], topic: str, payload: bytes) -> No
 
 
 async def _publish(fleet: Movers, turn: int) -> None:
-    """One turn, spread evenly over its second."""
+    """Publish one turn, spread evenly over its second."""
     loop = asyncio.get_running_loop()
     started = loop.time()
     for part in range(PARTS):

@@ -1,4 +1,4 @@
-"""MQTT 5 by hand, cheap enough to load others: what the benchmarks send and count with."""
+"""MQTT 5 by hand, cheap enough to load others, with which the benchmarks send and count."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PUBLISH = 0x30
 
 
 def publish_packet(topic: str, payload: bytes, alias: int | None = None, qos: int = 0, mid: int = 1) -> bytes:
-    """A PUBLISH; with an empty topic and an alias, as its second and later uses are."""
+    """A PUBLISH; an empty topic with an alias is a second or later use of the alias."""
     properties = b"" if alias is None else b"\x23" + alias.to_bytes(2, "big")
     name = topic.encode()
     body = struct.pack("!H", len(name)) + name
@@ -21,7 +21,7 @@ def publish_packet(topic: str, payload: bytes, alias: int | None = None, qos: in
 
 
 class RawClient(asyncio.Protocol):
-    """A client at QoS 0 and 1. `heard(topic, payload)` gets each message; without it they are only counted."""
+    """A client at QoS 0 and 1. `heard(topic, payload)` is called for each message; all are counted."""
 
     def __init__(self, heard: Callable[[str, bytes], None] | None = None) -> None:
         self.received = 0

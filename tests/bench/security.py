@@ -1,4 +1,4 @@
-"""What SECURITY costs: the same fleet without it, in TLS, and with signed messages in that, in turns in one run.
+"""The cost of SECURITY: the same fleet without it, in TLS, and in TLS with signed messages, in turns in one run.
 
 Bytes of a command and of its words on the way to the drone, the time from a call to the autopilot, and the processor
 time of an activator under the load of `activator`.
@@ -32,7 +32,7 @@ TURNS, WARM_UP = 500, 20
 APART_S = 0.1
 """Between two measured calls' frames: longer than TCP may delay an acknowledgement."""
 SIZED = 20
-"""Calls whose frames are looked at."""
+"""Calls whose frames are examined."""
 LEAST_CARRIED = 40
 """Bytes of TCP: more than a PUBACK in TLS has, less than a command or a word."""
 ROUNDS = 3
@@ -40,7 +40,7 @@ ROUNDS = 3
 
 @dataclass
 class Fleet:
-    """One of the three; what goes between the drone and its fog's broker has that one's port."""
+    """One of the three fleets; traffic between the drone and its fog's broker has that broker's port."""
 
     autopilot: AlwaysArmed
     drone: Drone
@@ -49,7 +49,7 @@ class Fleet:
     marks: list[tuple[float, float]] = field(default_factory=list)
 
     async def arm(self) -> float:
-        """A call, to its last word; gives the milliseconds to the autopilot's first receipt."""
+        """Call arm and await its last word; returns the milliseconds to the autopilot's first receipt."""
         before, called_ns = len(self.autopilot.heard_ns), time.time_ns()
         outcome = await self.drone.arm()
         assert outcome.completed, outcome
@@ -131,7 +131,7 @@ def url_of(broker: BenchBroker | SecureBroker) -> str:
 
 
 def _size_lines(fleets: dict[str, Fleet], capture: Capture) -> list[str]:
-    """The command is the first thing that the fog's broker sends in a call; its words come back, often in one frame."""
+    """The command is the first frame that the fog's broker sends in a call; its words return, often in one frame."""
     found = {}
     for how, fleet in fleets.items():
         calls = [capture.between(*mark) for mark in fleet.marks]
@@ -150,7 +150,7 @@ def _size_lines(fleets: dict[str, Fleet], capture: Capture) -> list[str]:
 
 
 def _carries(frame: Frame) -> bool:
-    """More than an acknowledgement."""
+    """Whether a frame carries more than an acknowledgement."""
     return frame.carried >= LEAST_CARRIED
 
 

@@ -1,4 +1,4 @@
-"""What signing costs in processor time: a command's way through all three roles without sockets, and its parts."""
+"""The cost of signing in processor time: a command's way through all three roles without sockets, and its parts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TOPIC, _PAYLOAD = "drone1/commands", bytes(40)
 
 
 def measure() -> list[str]:
-    """Lines of figures; takes a few seconds. What other programs of a busy machine take does not count."""
+    """Lines of figures; takes a few seconds. Other programs' time on a busy machine does not count."""
     station, drone = seal("gs-g"), seal("drone1")
     drone.open(_TOPIC, station.sign(_TOPIC, _PAYLOAD, with_certificate=True).encode(), station.name)
     said = station.sign(_TOPIC, _PAYLOAD).encode()

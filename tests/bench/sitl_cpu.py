@@ -1,4 +1,5 @@
-"""CPU that six autopilot stand-ins take at PX4's onboard rates while they fly, what they send, and whether as often."""
+"""The CPU of six autopilot stand-ins in flight at PX4's onboard rates, their traffic, and whether they keep the rates.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DRONES = 6
 WARM_UP_S, WINDOW_S = 3.0, 10.0
 STEADY_HZ = 5
-"""Slower streams are too few to count in the window."""
+"""Slower streams have too few messages in the window to be judged."""
 
 
 class _Receiver(asyncio.DatagramProtocol):

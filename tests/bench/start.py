@@ -1,4 +1,4 @@
-"""What the command and the library cost at their start: processor time, as a ratio to Python's own."""
+"""The cost of starting the command and the library: processor time, as a ratio to Python's own."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _cpu_s(arguments: list[str]) -> float:
 
 
 def measure() -> list[str]:
-    """Medians, in turns, so that a machine that slows down slows all of them."""
+    """Medians of runs in turns, so that a machine that slows down slows all of them."""
     commands = {"python -c pass": ["-c", "pass"], **STARTS}
     taken: dict[str, list[float]] = {name: [] for name in commands}
     for _ in range(TURNS):

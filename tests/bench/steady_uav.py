@@ -1,4 +1,5 @@
-"""A UAV client that publishes the five vital states once a second, changed or not: `steady_uav DRONE BROKER PORT …`."""
+"""A UAV client that publishes the five vital states once per second, changed or not: `steady_uav DRONE BROKER PORT …`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ import sys
 from pathlib import Path
 
 from mqttxt.cli.common import run_role, settings
-from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.address import BrokerAddress
 from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.mavlink.transports import AutopilotAddress
 from mqttxt.drone.process import UavRunner

@@ -1,6 +1,6 @@
-"""Writes into a page what `thesis` loses of the stand-in's streams: `python -m tests.bench.thesis FILE`.
+"""Writes into a page the loss of the stand-in's streams on `thesis`: `python -m tests.bench.thesis FILE`.
 
-By simulation alone, with every tick of the autopilot in its place, so that the same code gives the same figures.
+It is simulated, with every tick of the autopilot on time, so that the same code gives the same figures.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def main(page: Path) -> None:
 
 
 def sentence() -> str:
-    """One UAV's onboard streams in flight, and what of them does not come to the ground station."""
+    """A sentence about one UAV's onboard streams in flight, and their loss on the way to the ground station."""
     plan = resolve(read_profile("thesis"), standard_fleet().topology(), "scenario-1", 1)
     stream = exact("px4-onboard", SECONDS)
     offered = Offered({1: stream}, standard_fleet().fogs)

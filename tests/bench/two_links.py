@@ -1,4 +1,4 @@
-"""A drone with two connections: what measuring them costs, and what is missing after a cut, beside one connection.
+"""A drone with two connections: the cost of measuring them, and the gap after a cut, compared with one connection.
 
 The quicker link takes 50 ms each way, the slower one, which stands in for a satellite, 300 ms. Bytes are whole frames,
 as `bytes_fleet` counts them, by Linux's counts of each connection.
@@ -26,7 +26,7 @@ TURNS = 8
 DOWN_S = 3.0
 """How long the quicker link is cut, or held up."""
 BEHIND_S = 0.1
-"""A command is sent so long after the cut."""
+"""The time from the cut to a command."""
 RATE_HZ = 20.0
 SETTLE_S, WINDOW_S = 3.0, 20.0
 """The window holds two intervals of beacons and leases."""
@@ -35,7 +35,7 @@ HOW = ("cut", "held up")
 
 @dataclass
 class Times:
-    """Over all turns, in seconds: without a state, and from a command to its last word."""
+    """Times of all turns, in seconds: gaps without a state, and from a command to its last word."""
 
     gaps: list[float] = field(default_factory=list)
     arm: list[float] = field(default_factory=list)
@@ -43,7 +43,7 @@ class Times:
 
 
 class Arrivals:
-    """When states came, by time.monotonic()."""
+    """When states arrived, by time.monotonic()."""
 
     def __init__(self, station: GroundStation) -> None:
         self.times: list[float] = []
@@ -55,7 +55,7 @@ class Arrivals:
                 self.times.append(time.monotonic())
 
     def longest_gap(self, start_s: float, end_s: float) -> float:
-        """Between two that followed each other, one at least of them in this span."""
+        """The longest time without a state within this span, its ends included."""
         inside = [start_s, *(at for at in self.times if start_s < at < end_s), end_s]
         return max(later - earlier for earlier, later in pairwise(inside))
 
@@ -100,7 +100,7 @@ async def _flying(two: bool) -> AsyncIterator[tuple[TwoLinkSystem, Drone, Arriva
 
 
 async def _probing(system: TwoLinkSystem, one_way_s: float) -> str:
-    """The connection that is not in use carries PINGREQ and its answer, leases, and words, of which none come."""
+    """Measure the connection that is not in use: PINGREQs and answers, leases, and words, of which there are none."""
     await eventually(lambda: system.in_use() == 1, "the quicker link is in use")
     link = system.links[1]
     link.one_way_s = one_way_s
@@ -116,7 +116,7 @@ async def _probing(system: TwoLinkSystem, one_way_s: float) -> str:
 
 
 async def _broken(system: TwoLinkSystem, drone: Drone, arrivals: Arrivals, how: str) -> Times:
-    """The quicker link is broken again and again, while states come and one command is sent."""
+    """Break the quicker link in each turn, while states arrive and one command is sent."""
     assert (await drone.send(Stream("location", RATE_HZ))).completed
     times, link = Times(), system.links[0]
     commands: list[Command] = [Arm(), Hold(), Disarm(), Hold()]
@@ -138,7 +138,7 @@ async def _broken(system: TwoLinkSystem, drone: Drone, arrivals: Arrivals, how: 
 
 
 async def _taken_s(drone: Drone, command: Command) -> float:
-    """From the command to its completion; it is sent again where the drone was not to be reached."""
+    """The time from a command to its completion; it is sent again if the drone was unreachable."""
     start_s = time.monotonic()
     while not (await drone.send(command, ttl_s=20)).completed:
         await asyncio.sleep(0.05)
@@ -146,7 +146,7 @@ async def _taken_s(drone: Drone, command: Command) -> float:
 
 
 async def _flows(system: TwoLinkSystem, arrivals: Arrivals) -> None:
-    """The quicker link is in use (again), and states come over it."""
+    """Wait until the quicker link is in use (again), and states arrive over it."""
     await eventually(lambda: system.in_use() == 1, "the quicker link is in use")
     since_s = time.monotonic()
     await eventually(lambda: sum(at > since_s for at in arrivals.times) > RATE_HZ, "states come")

@@ -1,4 +1,4 @@
-"""CPU that a UAV client takes beside an autopilot that sends all that PX4 sends a companion computer, in flight."""
+"""The CPU of a UAV client in flight, beside an autopilot that sends all that PX4 sends to a companion computer."""
 
 from __future__ import annotations
 

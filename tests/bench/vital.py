@@ -1,4 +1,4 @@
-"""What the byte figures compare: five states and five commands, MQTT-XT and MAVLink 2, with values as in flight."""
+"""The messages of the byte figures: five states and five commands, MQTT-XT and MAVLink 2, with values as in flight."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def command_payload(command: Command, encoding: Encoding) -> bytes:
 
 
 def packed(message: Any, system: int = 1) -> bytes:
-    """A message as it is sent, in mid-flight of its sender's sequence."""
+    """A message as it is sent, with a sequence number as in mid-flight."""
     codec = mavlink.MAVLink(None, system, 1)
     codec.seq = 77
     return bytes(message.pack(codec))
 
 
 def mavlink_states() -> dict[str, bytes]:
-    """The MAVLink messages that tell the five states; location and heading come with the same one."""
+    """The MAVLink messages that carry the five states; location and heading are in the same one."""
     battery, position, hud, heartbeat = (packed(message) for message in telemetry(0))
     return {
         "battery": battery,
@@ -70,7 +70,7 @@ def telemetry(second: int) -> tuple[Any, ...]:
 
 
 def mavlink_commands() -> dict[str, bytes]:
-    """What a MAVLink ground station sends for the five commands; for offboard the mode, without its set-points."""
+    """A MAVLink ground station's messages for the five commands; for offboard the mode, without its set-points."""
     nan = math.nan
 
     def long(command: int, *params: float) -> bytes:

@@ -1,8 +1,8 @@
 """The least bytes of a broadcast and its words on each link, beside MAVLink's: `python -m tests.bench word_budget`.
 
 Nothing is flown: the messages of arm, takeoff and land to a fog of three drones, each as its shortest frame. Each drone
-says one word, and a fog's words leave in one message with the roster. TCP acknowledges each frame by one of its own,
-for an answer comes later than an acknowledgement may wait; at QoS 1 that is the PUBACK's, which has one itself.
+publishes one word, and a fog's words leave in one message with the roster. TCP acknowledges each frame by one of its
+own, as an answer arrives later than an acknowledgement may wait; at QoS 1 that is the PUBACK's, which has one itself.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Way:
     by_datagrams: bool = False
 
     def message(self, topic: str, payload: bytes, expiry_s: int | None = None) -> int:
-        """Bytes of a message over TCP with all that acknowledges it; at QoS 0 its topic has an alias."""
+        """Bytes of a message over TCP with all of its acknowledgements; at QoS 0 its topic has an alias."""
         alias = 1 if self.qos == 0 else None
         publish = Publish("x", topic, payload, 0, expiry_s=expiry_s)
         size = self.headers + len(mqtt.publish(publish, "" if alias else topic, alias))

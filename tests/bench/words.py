@@ -1,9 +1,9 @@
-"""What commands and words cost on each link of a series: `python -m tests.bench.words results/scenario-1/latest`.
+"""The cost of commands and words on each link of a series: `python -m tests.bench.words results/scenario-1/latest`.
 
-A frame's headers are shared by the messages in it, by their bytes. An acknowledgement belongs to what it acknowledges:
-a PUBACK to the messages of its packet id, several in a datagram of MQTT-SN; a bare acknowledgement of TCP to the
-frames that had come and that nothing had acknowledged. In TLS messages cannot be told apart by their frames; such a
-series is refused.
+A frame's headers are divided among its messages by their bytes. An acknowledgement belongs to what it acknowledges: a
+PUBACK to the messages of its packet id, several in a datagram of MQTT-SN; a bare acknowledgement of TCP to the frames
+that had arrived and were not acknowledged yet. In TLS, messages cannot be told apart by their frames; such a series is
+refused.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from testbed.numbers.packets import load
 STAGES = ("air", "backhaul", "wan")
 _PUBLISH, _PUBACK = 3, 4
 _AFTER_NS = 2_000_000_000
-"""How far behind the last disarming, where the mission ends, its last words are still on their way."""
+"""How long after the last disarming, where the mission ends, its last words may be under way."""
 
 
 @dataclass
@@ -86,7 +86,7 @@ class Frame:
 
 
 def share_headers(frames: Iterable[Frame]) -> None:
-    """Give each message its own bytes and its part of its frame's headers; of a copy, of the whole frame."""
+    """Give each message its own bytes and its part of its frame's headers, or of a whole frame that is a copy."""
     for frame in frames:
         total = sum(message.size for message in frame.messages)
         for message in frame.messages:
@@ -124,7 +124,7 @@ def share_acknowledgements(frames: Iterable[Frame]) -> None:
 
 
 def _what(purpose: str, topic: str | None, body: bytes | None) -> str:
-    """A command, or which word it is, alone or with others."""
+    """A message's purpose; of a word, which one it is, alone or with others."""
     if purpose != "result" or topic is None or body is None:
         return purpose
     try:
@@ -137,7 +137,7 @@ def _what(purpose: str, topic: str | None, body: bytes | None) -> str:
 
 
 def _frames(attempt: Attempt) -> Iterator[Frame]:
-    """The frames of the mission, with what is in them. Raises ResultsError."""
+    """The frames of the mission, with their messages. Raises ResultsError."""
     seen = load(attempt)
     window = mission_window(attempt, attempt.events(), seen)
     if window is None:
@@ -173,7 +173,7 @@ def _frames(attempt: Attempt) -> Iterator[Frame]:
 
 
 def _packet(data: Any, at: int) -> tuple[int, int]:
-    """An MQTT packet's kind and packet id, 0 where it has none."""
+    """An MQTT packet's kind and packet id, 0 without one."""
     kind, qos, at = int(data[at]) >> 4, int(data[at]) >> 1 & 3, at + 1
     while data[at] & 0x80:
         at += 1
@@ -184,14 +184,14 @@ def _packet(data: Any, at: int) -> tuple[int, int]:
 
 
 def _datagram(data: Any) -> tuple[int, int]:
-    """The same of a datagram of MQTT-SN."""
+    """The same for a datagram of MQTT-SN."""
     packet = packets.decode(bytes(data))
     kinds = {packets.Message: _PUBLISH, packets.Puback: _PUBACK}
     return (kinds[type(packet)], packet.msg_id) if isinstance(packet, packets.Message | packets.Puback) else (0, 0)
 
 
 def costs(attempt: Attempt) -> dict[tuple[str, str], Cost]:
-    """What commands and each kind of word cost on each stage. Raises ResultsError."""
+    """The cost of commands and of each kind of word on each stage. Raises ResultsError."""
     frames = list(_frames(attempt))
     share_headers(frames)
     share_acknowledgements(frames)
@@ -204,7 +204,7 @@ def costs(attempt: Attempt) -> dict[tuple[str, str], Cost]:
 
 
 def measure(path: Path) -> list[str]:
-    """Lines for each completed attempt, and how many times MAVLink's bytes in those of both. Raises ResultsError."""
+    """Lines for each completed attempt, and the ratio of bytes if both protocols were flown. Raises ResultsError."""
     out: list[str] = []
     sums: dict[str, list[float]] = defaultdict(list)
     for attempt in open_series(path).attempts():

@@ -1,1 +1,1 @@
-"""Results folders that no flight wrote, and what is read of them."""
+"""Results folders that no flight wrote, and helpers to read them."""

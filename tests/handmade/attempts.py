@@ -1,4 +1,4 @@
-"""A tiny series made by hand: one drone, a few frames whose counts one can do in the head."""
+"""A tiny series made by hand: one drone, and few enough frames to count them in one's head."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def frame(
 
 
 def write_pcap(path: Path, frames: list[tuple[int, bytes]], append: bool = False) -> None:
-    """A pcap with nanosecond time stamps, or more frames at the end of one."""
+    """Write a pcap with nanosecond timestamps, or append frames to one."""
     with RawPcapWriter(str(path), linktype=1, nano=True, append=append) as writer:
         if not append:
             writer.write_header(None)
@@ -85,7 +85,7 @@ def manifest(**changed: Any) -> dict[str, Any]:
 
 
 def make_attempt(series: Series, number: int = 1, dropped: int = 0, **changed: Any) -> Attempt:
-    """The arm command goes gs -> cloud -> fog1 -> uav1 in 3 x 1 ms; one state comes back; one frame is lost on air."""
+    """The arm command travels gs -> cloud -> fog1 -> uav1 in 3 x 1 ms; one state returns; one frame is lost on air."""
     attempt = new_attempt(series, "mqttxt", number)
     write_json(attempt.path / "manifest.json", manifest(**changed))
     ms = SECOND // 1000

@@ -1,4 +1,4 @@
-"""Folders of builds of autopilots, made up."""
+"""Made-up folders of autopilot builds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PX4 = KINDS["px4"]
 
 
 def make_folder(folder: Path, kind: Kind = PX4, machine: str = "") -> Path:
-    """A folder with what an autopilot's has; its program is nothing but an ELF header."""
+    """Make a folder with an autopilot's files; its program is nothing but an ELF header."""
     numbers = {"x86_64": 62, "aarch64": 183}
     number = numbers[machine or platform.machine()]
     for name in (kind.program, *kind.files):

@@ -1,4 +1,4 @@
-"""A series of both protocols made by hand: what the report reads of it, with numbers one can do in the head."""
+"""A series of both protocols made by hand, as the report reads it, with numbers for mental arithmetic."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CPU = {
 
 
 def entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
-    """An attempt as `metrics.json` has it."""
+    """An attempt's entry in `metrics.json`."""
     layers = {"payload": 0.2, "mqtt": 0.1, "tcp": 0.4, "ip": 0.2, "ethernet": 0.1}
     if protocol == "mavlink":
         layers = {"payload": 0.5, "mavlink": 0.1, "udp": 0.1, "ip": 0.2, "ethernet": 0.1}
@@ -69,7 +69,7 @@ def entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
 
 
 def messages(commands: int, states: int, *, states_lost: int = 0) -> dict[str, Any]:
-    """So many commands and states, all of one kind each, of which so many states were lost."""
+    """The counts of `commands` and `states`, all of one kind each; `states_lost` of the states were lost."""
     return {"commands": {"arm": _counted(commands, 0)}, "states": {"battery": _counted(states, states_lost)}}
 
 
@@ -138,12 +138,12 @@ def mavlink(dropped: int = 3) -> dict[str, Any]:
 
 
 def failed(protocol: str, reason: str, number: int = 1, **changed: Any) -> dict[str, Any]:
-    """A failed attempt with what was counted until it gave up."""
+    """A failed attempt with its counts until it gave up."""
     return entry(protocol, number, status="failed", reason=reason, mission_s=None, packets=20_000, **changed)
 
 
 def make_series(series: Series, *entries: tuple[str, dict[str, Any]], **changed: Any) -> dict[str, Any]:
-    """Folders for attempts given as (protocol, entry), and the series' metrics. A status void is listed as one."""
+    """Make folders for attempts given as (protocol, entry), and the series' metrics; void attempts are listed apart."""
     protocols: dict[str, Any] = {}
     for protocol, one in entries:
         _write_attempt(series, protocol, one)
@@ -188,11 +188,11 @@ def _write_attempt(series: Series, protocol: str, one: dict[str, Any]) -> Attemp
 
 
 _WITHOUT_CAPTURES: list[table.Built] = []
-"""The packets table that is there after an attempt was measured: without captures it is the same for all."""
+"""The packets table of a measured attempt: without captures it is the same for all."""
 
 
 def _events(protocol: str, one: dict[str, Any]) -> list[dict[str, Any]]:
-    """One call a drone and command over MAVLink, one a fog over MQTT-XT; a failed mission gives up in takeoff."""
+    """One call per command and drone over MAVLink, or fog over MQTT-XT; a failed mission gives up in takeoff."""
     ok = one["status"] != "failed"
     scale = MISSION_S[protocol] / MISSION_S["mqttxt"]
     begun = {"arm": 0.0, "takeoff": 0.1 * scale, "hold": 7.1 * scale, "land": 22.1 * scale, "end": MISSION_S[protocol]}

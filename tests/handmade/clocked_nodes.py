@@ -1,4 +1,4 @@
-"""Nodes on machines whose clocks differ: probes take a known time, and every time is told by the clock of its node."""
+"""Nodes on machines whose clocks differ: probes take a known time, and each node reports times by its own clock."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ClockedNodes:
         return {"late_ms": 0, "overflowed": 0, "sent": sent, "arrived": arrived}
 
     def _row(self, flow: Mapping[str, Any], number: int, source: str, node: str, takes_ns: int) -> list[int]:
-        """By a clock that is right: the source begins when its own clock says so, and so on."""
+        """A probe's row, computed by a true clock: the source begins when its own clock says so, and so on."""
         due_ns = int((flow["at_s"] + max(0, number - flow["burst"] + 1) * flow["every_s"]) * 1e9)
         begin_ns = self._asked[node]["begin_ns"]
         sent_at_source_ns = self._asked[source]["begin_ns"] + due_ns

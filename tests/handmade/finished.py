@@ -1,4 +1,4 @@
-"""Finished series made by hand: a results folder whose metrics.json is whole, without captures."""
+"""Finished series made by hand: results folders with a complete metrics.json, without captures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME = "20260101T000000Z"
 
 
 def attempt(protocol: str, number: int = 1, lost: int = 0, **changed: Any) -> dict[str, Any]:
-    """A completed attempt in which 18 commands and 100 states were sent, `lost` of the states in vain."""
+    """A completed attempt in which 18 commands and 100 states were sent; `lost` of the states were lost."""
     entry = rich_entry(protocol, number)
     entry["window"] = {"start_ns": 0, "seconds": entry["mission_s"]}
     entry["messages"] = messages(18, 100, states_lost=lost)
@@ -32,7 +32,7 @@ def gave_up(protocol: str, reason: str, number: int = 1) -> dict[str, Any]:
 
 
 def message_set(with_states: int, alone: int, lost: int = 0) -> dict[str, Any]:
-    """Ten of a command and ten of a state, each with so many bytes, over ten seconds."""
+    """Ten messages each of a command and a state, with these bytes, over ten seconds."""
     found = {}
     for name, form in (("arm", "command"), ("battery", "state")):
         counted = {**loss_of(10, lost), "open": 0}
@@ -58,7 +58,7 @@ def finished(
     void: tuple[tuple[int, str], ...] = (),
     **changed: Any,
 ) -> Series:
-    """A series that was measured; `void` are attempts of both protocols that do not count."""
+    """Make a measured series; `void` are attempts of both protocols that do not count."""
     series = Series(root / experiment / f"{arm}-{profile}" / name)
     series.path.mkdir(parents=True)
     voids = [{"attempt": number, "reason": reason} for number, reason in void]
@@ -88,7 +88,7 @@ def both(number: int = 1) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
 
 
 def count_attempts(path: Path) -> None:
-    """Write metrics that only say which attempts count."""
+    """Write metrics that contain only which attempts count."""
     sides: dict[str, Any] = {}
     for attempt in open_series(path).attempts():
         side = sides.setdefault(attempt.protocol, {"attempts": [], "void": []})

@@ -1,4 +1,4 @@
-"""Containers and progress that are made up, for runs without Docker."""
+"""Made-up containers and progress, for runs without Docker."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from testbed.plan.fleets import standard_fleet
 from testbed.plan.overrides import compose_files
 
 HERE = {"commit": "c0ffee", "dirty": False}
-"""The revision of what is here."""
+"""The revision of the working tree."""
 SHAPER = {"shaper": "nfqueue", "why": "the kernel has no netem"}
 
 
 class Quiet:
-    """Progress that is only written down."""
+    """Progress that is only recorded."""
 
     def __init__(self) -> None:
         self.said: list[Any] = []
@@ -40,7 +40,7 @@ class Quiet:
 
 
 class Fleet:
-    """Containers that do as a test says: the lines of the mission, its exit code, or what it raises."""
+    """Containers whose mission prints `lines` and ends with the exit code `code`, or raises `raises`."""
 
     def __init__(self, lines: list[str], code: int = 0, *, raises: Exception | None = None, dropped: int = 0) -> None:
         self.did: list[str] = []

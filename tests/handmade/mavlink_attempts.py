@@ -39,7 +39,7 @@ def mac_bytes(text: str) -> bytes:
 
 @dataclass
 class Chain:
-    """The nodes, and what each one's capture has; `direct` forwards IP instead of routing messages."""
+    """The nodes and their captures; `direct` ones forward IP instead of routing messages."""
 
     drones: tuple[int, ...] = (1,)
     direct: bool = False
@@ -82,8 +82,8 @@ class Chain:
         until: str | None = None,
         lost_on: str | None = None,
     ) -> None:
-        """A datagram along the chain, from the router `since` on; that at `until` drops it, the link into `lost_on`
-        loses it."""
+        """Send a datagram along the chain, from the router `since` on; that at `until` drops it, the link into
+        `lost_on` loses it."""
         way = self.way(drone, up)
         way = way[way.index(since) :] if since is not None else way
         port = 14540 + drone
@@ -135,7 +135,7 @@ def udp_frame(
 
 
 def write_capture(path: Path, frames: list[tuple[int, bytes]]) -> None:
-    """A pcap with nanosecond time stamps, written at once."""
+    """Write a pcap with nanosecond timestamps, at once."""
     record = struct.Struct("<IIII")
     parts = [struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 262_144, 1)]
     for t_ns, data in sorted(frames, key=lambda entry: entry[0]):
@@ -144,7 +144,7 @@ def write_capture(path: Path, frames: list[tuple[int, bytes]]) -> None:
 
 
 def sender(system: int, component: int = 1) -> common.MAVLink:
-    """Packs messages of one system; its sequence numbers rise by themselves."""
+    """A codec that packs messages of one system; `packed` counts its sequence numbers."""
     return common.MAVLink(None, srcSystem=system, srcComponent=component)
 
 
@@ -170,7 +170,7 @@ def stream_message(name: str, t_ms: int) -> Any:
 
 
 def streams(seconds: float, rates_hz: dict[str, float]) -> Iterator[tuple[int, str]]:
-    """When (nanoseconds) a drone sends which message, in the order of time."""
+    """When (nanoseconds) a drone sends which message, one kind after the other."""
     for name, rate in rates_hz.items():
         for number in range(round(seconds * rate)):
             yield round((number + 0.5) / rate * SECOND), name
@@ -197,7 +197,7 @@ def make_mavlink_attempt(
     routers: str = "per-uav",
     **changed: Any,
 ) -> Attempt:
-    """The attempt's folder with what the chain's captures have; every drone disarms `disarmed_s` after T0."""
+    """Make the attempt's folder with the chain's captures; every drone disarms `disarmed_s` after T0."""
     attempt = new_attempt(series, "mavlink", number)
     topology = {
         "nodes": [{"name": name, "address": address} for name, address in chain.nodes.items()],

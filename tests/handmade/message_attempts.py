@@ -30,7 +30,7 @@ COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
 STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 COUNT = 2
 KIND_S = 10
-"""From the begin of a kind to that of the next."""
+"""From the beginning of a kind to that of the next."""
 ANSWERED_MS = 12
 """From a call to its first word."""
 _CARRIER = {
@@ -56,10 +56,10 @@ def message_events(
     unsent: tuple[str, ...] = (),
     age_ms: int | None = None,
 ) -> list[dict[str, Any]]:
-    """What the mission writes, which is told that its values are `age_ms` old.
+    """The events that the mission writes; the values that it receives are `age_ms` old.
 
-    The second call of a kind in `refused` is denied, of one in `silent` hears nothing;
-    of a state in `silent` the second value is missing. A kind in `unsent` has a third call, of which no frame leaves.
+    The second call of a kind in `refused` is denied, that of one in `silent` gets no answer;
+    a state in `silent` lacks its second value. A kind in `unsent` has a third call, of which no frame is sent.
     """
     events: list[dict[str, Any]] = [
         {"t_ns": T0 - SECOND, "event": "mission_start", "scenario": "messages", "drones": [1]}
@@ -104,11 +104,11 @@ def message_events(
 def make_mavlink_messages(series: Series, number: int = 1, **events: Any) -> Attempt:
     """Each call sends its command, 3 hops, answered by an ACK; attitudes stream at 4 Hz all the time.
 
-    The second `takeoff` is sent three times: the first two are lost on the air link. With each call of `offboard` goes
-    a set-point. The second battery status is lost on the wan link. Each state is asked for first.
+    The second `takeoff` is sent three times: the first two are lost on the air link. Each call of `offboard` is sent
+    with a set-point. The second battery status is lost on the wan link. Each state is requested first.
     """
     said: list[tuple[int, bool, Any, str | None]] = []
-    """When, whether up, what, and into which node a link loses it."""
+    """Time, whether up, message, and the node before which a link loses it."""
     for name in COMMANDS:
         for place, t_ns in enumerate(call_times(name)):
             if name == "goto":
@@ -149,7 +149,7 @@ class Wire:
     identity: int = 0
 
     def segment(self, t_ns: int, here: str, there: str, body: bytes, again: bool = False, lost: bool = False) -> None:
-        """A frame into the link; `again` repeats the bytes that were sent last."""
+        """Send a frame into the link; `again` repeats the bytes that were sent last."""
         self.identity += 1
         at = self.sequence.get((here, there), 1000)
         start = at - len(body) if again else at
@@ -160,7 +160,7 @@ class Wire:
             self.captures[there].append((t_ns + MS // 2, data))
 
     def carry(self, t_ns: int, here: str, there: str, body: bytes, **how: Any) -> None:
-        """A frame and the bare acknowledgement that answers it."""
+        """Send a frame, and the bare acknowledgement that answers it."""
         self.segment(t_ns, here, there, body, **how)
         if not how.get("lost"):
             self.segment(t_ns + MS // 2 + MS // 10, there, here, b"")
@@ -186,8 +186,8 @@ _PORTS = {
 def make_mqttxt_messages(series: Series, number: int = 1, **events: Any) -> Attempt:
     """Each call publishes its command over three hops, answered by `accepted`, and 40 ms later by `completed`.
 
-    A battery state comes 2 ms after each call of `arm`. The second `goto` is lost on the air link and sent again 4 ms
-    later by TCP. The second heading is lost between fog and cloud. Each state is asked for by `stream` first.
+    A battery state is sent 2 ms after each call of `arm`. The second `goto` is lost on the air link and repeated by
+    TCP 2 ms later. The second heading is lost between fog and cloud. Each state is requested by `stream` first.
     """
     wire, seq = Wire(), 0
 

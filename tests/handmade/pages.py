@@ -1,4 +1,4 @@
-"""A series' report as people see it: its page taken apart, and its summary on a terminal."""
+"""A series' report as people see it: its parsed page, and its summary on a terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from testbed.present.summary import page as summary_page
 
 @contextmanager
 def sketched_papers() -> Iterator[None]:
-    """A figure for papers is its title alone. Drawn, each takes a third of a second; `test_figures.py` looks at one."""
+    """Reduce figures for papers to their titles: drawing one takes a third of a second. `test_figures.py` tests one."""
     with pytest.MonkeyPatch.context() as patch:
         for module in (compare_page, files, summary_page):
             patch.setattr(module, "pdf", lambda drawing, title: f"%PDF {title}".encode())

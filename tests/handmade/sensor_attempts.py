@@ -1,4 +1,4 @@
-"""An attempt with sensors made by hand: what plain brokers beside MAVLink hand on, in the bytes that Mosquitto sent."""
+"""An attempt with sensors made by hand: readings over plain brokers beside MAVLink, in bytes that Mosquitto sent."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LINKS = [
     *(("air:uav2", "uav2", "fog1"), ("sense:uav1", "sensor1", "uav1"), ("sense:uav2", "sensor2", "uav2")),
 ]
 MEASURED_MS = 1_795_291_410_455
-"""When the sensor measured what these bytes tell: the clock of a run."""
+"""When the sensor measured the values in these bytes, by the clock of a run."""
 BOOT = 0xC26395D8
 ABOUT = {"sensor": 1, "boot": BOOT, "time_ms": MEASURED_MS}
 TEMPERATURE = {**ABOUT, "seq": 0, "kind": "temperature", "value": 16.6, "unit": "degC"}
@@ -41,7 +41,7 @@ FROM_SENSOR = bytes.fromhex(
     "322f001073656e736f72312f68756d696469747900020085011ac26395d8011b000001a1ffb4f017fb404c8ccccccccccd"
     "3224000d73656e736f72312f6c6967687400030085011ac26395d8021b000001a1ffb4f01700"
 )
-"""Three PUBLISHes in one segment, as a sensor sends what it measured in a second."""
+"""Three PUBLISHes in one segment, as a sensor sends the readings of a second."""
 FROM_DRONE = {
     "temperature": bytes.fromhex(
         "3239001a64726f6e65312f73656e736f72312f74656d706572617475726500010085011ac26395d8001b000001a1ffb4f017"
@@ -52,11 +52,11 @@ FROM_DRONE = {
         "8ccccccccccd"
     ),
 }
-"""What the bridge of the drone's broker makes of it."""
+"""The PUBLISHes into which the bridge of the drone's broker turns them."""
 
 
 def from_fog(kind: str) -> bytes:
-    """What the fog's bridge makes of the drone's PUBLISH: the same below its own name."""
+    """The PUBLISH into which the fog's bridge turns the drone's: the same below its own name."""
     told = FROM_DRONE[kind]
     length = int.from_bytes(told[2:4], "big")
     return bytes([told[0], told[1] + 5]) + (length + 5).to_bytes(2, "big") + b"fog1/" + told[4:]
@@ -71,7 +71,7 @@ class Wire:
     identity: int = 0
 
     def send(self, t_ns: int, source: str, destination: str, body: bytes, arrives: bool = True) -> None:
-        """One segment of MQTT; the node further from the ground station is the broker's client, but for gs."""
+        """Send one MQTT segment; the client is gs, or else the node further from the ground station."""
         self.identity += 1
         nodes = list(NODES)
         is_client = source == "gs" or (destination != "gs" and nodes.index(source) > nodes.index(destination))
@@ -101,7 +101,7 @@ def make_attempt(
     samples: int = 1,
     **changed: Any,
 ) -> Attempt:
-    """An attempt over MAVLink whose arm command is asked for at T0; `measured` is what each drone's sensor wrote."""
+    """An attempt over MAVLink whose arm command is called at T0; `measured` has each drone's sensor's readings."""
     attempt = new_attempt(series, "mavlink", 1)
     topology = {
         "nodes": [{"name": name, "address": address} for name, address in NODES.items()],

@@ -23,14 +23,14 @@ NEVER_NS = 1 << 62
 
 
 def plan_of(up: LinkPlan, down: LinkPlan | None = None, seed: int = 5) -> LinksPlan:
-    """Both ways between gs and cloud."""
+    """A plan of both directions between gs and cloud."""
     return LinksPlan("own", seed, {UP: up, DOWN: down or LinkPlan()}, ())
 
 
 class SimulatedNodes:
     """`run` is a node's answer to a schedule; the nodes wait for each other, then all frames cross the links at once.
 
-    `plan` is what the links really do. `late` rounds begin too late; `lost` are numbers of probes that vanish.
+    `plan` has the links' true figures. The first `late` rounds begin too late; `lost` selects probes that vanish.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class SimulatedNodes:
 
     @property
     def _offset_ns(self) -> int:
-        """The links are older with each round."""
+        """The links' age, which grows with each round."""
         return self.rounds * 60_000_000_000
 
     def _frames(self) -> list[tuple[int, str, int, int]]:
@@ -125,5 +125,5 @@ class SimulatedNodes:
 
 
 def changed(plan: LinksPlan, link: str, **figures: Any) -> LinksPlan:
-    """The plan with one link otherwise."""
+    """The plan with other figures of one link."""
     return replace(plan, links={**plan.links, link: replace(plan.links[link], **figures)})

@@ -32,7 +32,7 @@ class Flight:
     topics: Sequence[str] = field(default_factory=lambda: list(TOPICS))
 
     def height_at(self, at_s: float) -> float:
-        """Up for two seconds, and down for two."""
+        """The height above home: it climbs for two seconds, and descends for two."""
         climbed, left = at_s - self.took_off_s, self.landed_s - at_s
         return self.height_m * max(0.0, min(1.0, climbed / 2, left / 2))
 

@@ -1,4 +1,4 @@
-"""A fog whose drone comes by MQTT-SN, as real processes; between drone and activator is `LossyAir`."""
+"""A fog whose drone connects by MQTT-SN, as real processes, with `LossyAir` between drone and activator."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BY_AIR = "is connected"
 
 
 class AirSystem(OneDrone):
-    """An activator with `--air-sn`, and a drone that comes by it; with `and_tcp` it comes over TCP too."""
+    """An activator with `--air-sn`, and a drone that connects by it; with `and_tcp` over TCP, too."""
 
     def __init__(self, folder: Path, *, signed: bool = False, and_tcp: bool = False) -> None:
         super().__init__(folder, SIGNED if signed else "", air=True)
@@ -34,5 +34,5 @@ class AirSystem(OneDrone):
         return self.connections() >= times
 
     def connections(self) -> int:
-        """How often the drone has connected by the gateway."""
+        """How often the drone has connected through the gateway."""
         return self.activator.said().count(BY_AIR)

@@ -1,8 +1,7 @@
 """Starts a role of the project with one rule taken away: `python broken_roles.py VARIANT ROLE OPTIONS…`.
 
 A ground station sends three commands, one after another, and a broadcast: `python broken_roles.py VARIANT gs CLOUD
-FOG DRONE`, with an identity behind that, and `signed` behind it where it signs. The variant `none` takes nothing
-away.
+FOG DRONE [IDENTITY [signed]]`; with `signed` it signs. The variant `none` takes nothing away.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ Patch = Callable[[], None]
 
 
 def wrap(cls: Any, name: str, make: Callable[[Any], Any]) -> None:
-    """Put `make(original)` in a method's place."""
+    """Replace a method by `make(original)`."""
     setattr(cls, name, make(getattr(cls, name)))
 
 
@@ -692,7 +691,7 @@ VARIANTS: dict[str, Patch] = {
 
 
 async def send_three(cloud: str, fog: int, drone: int, identity: str | None = None, signed: str = "") -> None:
-    """A ground station with something to do."""
+    """Run a ground station that sends three commands and a broadcast."""
     signing = {"signed": bool(signed), "signed_readings": bool(signed)}
     async with mqttxt.GroundStation(cloud, identity=identity, bundles=True, **signing) as station:
         for command in (mqttxt.Arm(), mqttxt.Hold(), mqttxt.Disarm()):

@@ -1,4 +1,4 @@
-"""Headless Chromium over its debugging pipe: how a page fits a width, in light or dark, and what it complains of."""
+"""Headless Chromium over its debugging pipe: a page's layout at a width, in light or dark, and its errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.rigs.processes import wait_until
 
 ANSWER_S = 60.0
 NETWORK_CHANGED = "net::ERR_NETWORK_CHANGED"
-"""Chromium's word for what it cut off because an interface came or went: other tests' containers have some."""
+"""Chromium's error for connections cut because an interface came or went, as those of other tests' containers do."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,13 @@ class Look:
     width: int
     scroll_width: int
     wider: tuple[str, ...]
-    """Elements that stand out on the right, without those in a box that scrolls."""
+    """Elements that overflow on the right, except those in a box that scrolls."""
     cut: tuple[str, ...]
-    """Elements of which a part is hidden behind a box that scrolls: on paper it cannot be reached."""
+    """Elements partly hidden in a box that scrolls: on paper that part is lost."""
     background: str
     ink: str
     text_sizes: tuple[float, ...]
-    """Sizes at which the visible figures' text is shown, in pixels."""
+    """The displayed text sizes of the visible figures, in pixels."""
     visible_figures: int
 
 
@@ -57,17 +57,17 @@ _MEASURE = """(() => {
 
 
 class Navigated(Exception):
-    """The page went to another one before it had answered."""
+    """The page navigated elsewhere before it had answered."""
 
 
 @dataclass
 class Browser:
-    """One Chromium for many pages; `said` are console messages, exceptions and what could not be loaded."""
+    """One Chromium for many pages; `said` has console messages, exceptions and failed loads."""
 
     path: str
     said: list[str] = field(default_factory=list)
     own: tuple[str, ...] = ("file:", "data:")
-    """How addresses begin that a page may ask for."""
+    """The prefixes of the addresses that a page may request."""
     _loaded: int = 0
     _session: str | None = None
 
@@ -104,7 +104,7 @@ class Browser:
         wait_until(self._is_cleared, "no process of the browser writes into its folder any more")
 
     def _is_cleared(self) -> bool:
-        """Its other processes outlive the first one."""
+        """Kill its other processes, which outlive the first one, and remove its folder; False: try again."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         try:
@@ -114,7 +114,7 @@ class Browser:
         return True
 
     def pids(self) -> list[int]:
-        """Its processes."""
+        """The ids of its processes."""
         found = []
         for path in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(ProcessLookupError):
@@ -136,7 +136,7 @@ class Browser:
         )
 
     def show(self, url: str) -> None:
-        """Any page, loaded whole."""
+        """Load a page completely."""
         loaded = self._loaded
         while (why := self._ask("Page.navigate", url=url).get("errorText")) == NETWORK_CHANGED:
             pass

@@ -1,4 +1,4 @@
-"""A campaign on this machine: a scheduler and workers as processes, over TLS, whose flights are quick and made up."""
+"""A campaign on this machine: a scheduler and workers as processes, over TLS, with quick, made-up flights."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ATTEMPT_BYTES = 5_000_000
 
 
 class _Slow(Fleet):
-    """Containers that are made up; the mission is a command that takes a moment."""
+    """Made-up containers; the mission is a command that takes a moment."""
 
     def execute(self, service: str, command: list[str], *, limit_s: float) -> Any:
         (self._run_dir / "logs" / "big.log").write_bytes(os.urandom(ATTEMPT_BYTES))
@@ -41,7 +41,7 @@ class _Slow(Fleet):
 
 
 def fly_quickly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
-    """What workers do instead of a flight, in the same kind of process."""
+    """The workers' replacement for a flight, in the same kind of process."""
     runner.calibrate = lambda *_: CALIBRATED
     return run_series(plan, series, Quiet(), _Slow([]), begun)
 
@@ -69,7 +69,7 @@ class Machines:
         wait_until(lambda: "flies for" in self.said(name), f"{name} is there", STARTS_S)
 
     def kept_by(self, name: str) -> Path:
-        """Where a worker has series that are not pushed yet."""
+        """The folder of a worker's series that are not pushed yet."""
         return self.folder / "workers" / name
 
     def said(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""deploy/cluster as it stands, three RabbitMQ nodes behind HAProxy, and a fleet with identities whose cloud it is."""
+"""deploy/cluster unchanged, three RabbitMQ nodes behind HAProxy, as the cloud of a fleet with identities."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MEMBERS = ("broker-cloud", "broker-fog1", "fog1", "drone1", "drone2")
 
 
 class Cluster:
-    """The cloud of three; a node is killed, frozen, or cut off from the other two but not from the balancer."""
+    """The cloud of three nodes; one can be killed, frozen, or cut off from the other two but not from the balancer."""
 
     def __init__(self, folder: Path, members: tuple[str, ...] = MEMBERS, prefix: str = "") -> None:
         self.port = free_port()
@@ -70,7 +70,7 @@ class Cluster:
         return self
 
     def wait_formed(self) -> None:
-        """All three nodes run, and each knows it."""
+        """Wait until all three nodes run and each sees the others."""
         for node in NODES:
             wait_until(lambda node=node: self._is_formed(node), f"{node} knows of all", FORMING_S)
 
@@ -78,7 +78,7 @@ class Cluster:
         self._compose("down", "--timeout", "3", "--volumes")
 
     def containers(self) -> list[Container]:
-        """Those of the nodes and the balancer."""
+        """The containers of the nodes and the balancer."""
         return [self._container(name) for name in (*NODES, "balancer")]
 
     def kill(self, node: str) -> None:
@@ -100,7 +100,7 @@ class Cluster:
         self._others(node, "--delete")
 
     def _others(self, node: str, verb: str) -> None:
-        """A rule against every packet between a node and the others, in the node's own network."""
+        """Add or delete rules, in a node's own network, that drop every packet between it and the others."""
         others = ",".join(f"{self._subnet}.{11 + number}" for number, each in enumerate(NODES) if each != node)
         rules = (f"iptables -w {verb} {way} {others} -j DROP" for way in ("INPUT -s", "OUTPUT -d"))
         docker.from_env().containers.run(

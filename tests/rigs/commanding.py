@@ -1,4 +1,4 @@
-"""What tests of whole flights do with a drone at a ground station, whoever its autopilot is."""
+"""Commands to a drone in tests of whole flights, for any autopilot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mqttxt import Command, Drone, Health, Outcome, Word
 from tests.rigs.processes import eventually
 
 BOOT_S = 180.0
-"""PX4 arms 30 to 45 s after its start, ArduCopter has a position after 42; later on a machine that does more."""
+"""PX4 arms 30 to 45 s after its start, ArduCopter has a position after 42 s; later on a busy machine."""
 
 
 def is_armable(drone: Drone) -> bool:
@@ -29,7 +29,7 @@ async def fly(drone: Drone, *commands: Command) -> None:
 
 
 def follow(sent: AsyncIterable[Outcome]) -> tuple[list[Outcome], asyncio.Task[None]]:
-    """What is heard of a command that was sent, and the task that hears it."""
+    """The outcomes of a command, as they arrive, and the task that collects them."""
     heard: list[Outcome] = []
 
     async def listen() -> None:
@@ -40,7 +40,7 @@ def follow(sent: AsyncIterable[Outcome]) -> tuple[list[Outcome], asyncio.Task[No
 
 
 async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:
-    """Send a command and go on once it was accepted."""
+    """Send a command and return once it was accepted."""
     heard, task = follow(drone.send(command))
     await eventually(lambda: bool(heard), f"{command.name} is answered")
     assert heard[0].word is Word.ACCEPTED, heard

@@ -1,4 +1,4 @@
-"""A container of the testbed's image, for what only the image has, or only a container shows."""
+"""A container of the testbed's image, for tests of what only the image has or only a container shows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from testbed.bootstrap.images import NODE
 
 
 class Container:
-    """A container of the testbed's image on the host's network; `log` is where what it said is kept."""
+    """A container of the testbed's image on the host's network; its output is kept in `log`."""
 
     def __init__(self, log: Path) -> None:
         self.log = log

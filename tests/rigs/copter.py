@@ -28,7 +28,7 @@ class Copter(Autopilot):
         self._folder = folder
         self._base_port = _free_row()
         self._more = folder / "more.parm"
-        self._more.write_text("FLTMODE_CH 0\nINITIAL_MODE 4\n")  # its simulated remote control has a switch of modes
+        self._more.write_text("FLTMODE_CH 0\nINITIAL_MODE 4\n")  # its simulated remote control has a mode switch
         self._wiped: list[str] = ["--wipe"]
 
     def start(self) -> None:
@@ -55,7 +55,7 @@ class CopterPilot(Pilot):
 
 
 def _free_row() -> int:
-    """The first of some ports that are free, one behind another."""
+    """The first of _PORTS_EACH consecutive free ports."""
     while True:
         first = free_port()
         if first % 1000 > 1000 - _PORTS_EACH:

@@ -1,4 +1,4 @@
-"""`mqttxt demo` as a person runs it: in a terminal, on a machine of which the test sees every process and file."""
+"""`mqttxt demo` as a person runs it: in a terminal, on a machine on which the test sees every process and file."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tests.tools.node_programs import MOSQUITTO
 
 READY = "Ctrl-C here ends everything"
 START_S = 150.0
-"""More than the demo gives its drones."""
+"""Longer than the demo waits for its drones."""
 
 
 class Demonstration:
-    """The demo as a process; `mqttxt` is the command that is typed, by default that of the repository."""
+    """The demo as a process; `mqttxt` is the command, by default that of the repository."""
 
     def __init__(self, folder: Path, mqttxt: Path | None = None) -> None:
         self.log = folder / "demo.log"
@@ -53,7 +53,7 @@ class Demonstration:
         return self.log.read_text(errors="replace")
 
     def wait_for(self, text: str) -> None:
-        """Wait until it has said `text`; fails where it ends before."""
+        """Wait until it has printed `text`; fails if it ends before."""
         wait_until(lambda: text in self.said() or self.exit_code is not None, f"{text!r}: {self.log}", START_S)
         assert text in self.said(), self.said()
 
@@ -63,16 +63,16 @@ class Demonstration:
         return self._process.poll()
 
     def page(self) -> str:
-        """The page's address, as it is told before the drones are there."""
+        """The page's address, which is printed before the drones are ready."""
         (found,) = re.findall(r"^the page: (\S+)$", self.said(), re.MULTILINE)
         return str(found)
 
     def printed(self) -> list[str]:
-        """The lines that it says to type, without their comments."""
+        """The command lines that it tells the user to type, without their comments."""
         return [line.split("   #")[0].strip() for line in re.findall(r"^  (\S.*)$", self.said(), re.MULTILINE)]
 
     def type(self, lines: Sequence[str]) -> str:
-        """Type lines in one terminal; returns what they wrote. Each has to succeed."""
+        """Type lines in one terminal and return their output. Each has to succeed."""
         done = subprocess.run(
             ["bash", "-e", "-c", "\n".join(lines)],
             env=self._environment,
@@ -87,7 +87,7 @@ class Demonstration:
         return done.stdout
 
     def signal(self, number: signal.Signals) -> None:
-        """To the demo and its process group, as a terminal's Ctrl-C goes."""
+        """Signal the demo and its process group, as a terminal's Ctrl-C does."""
         assert self._process is not None
         os.killpg(self._process.pid, number)
 
@@ -96,7 +96,7 @@ class Demonstration:
         return self._process.wait(60)
 
     def processes(self) -> dict[int, str]:
-        """The command lines of the demo's processes, by id: they have its folder for temporary files."""
+        """The command lines of the demo's processes, by id; they are known by its folder for temporary files."""
         mark = f"TMPDIR={self.temporary}".encode()
         found = {}
         for entry in Path("/proc").glob("[0-9]*"):

@@ -1,4 +1,4 @@
-"""A bridge between two brokers that holds messages back, lets them overtake each other, and repeats them."""
+"""A bridge between two brokers that delays, reorders and repeats messages."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 
 class Disorder:
-    """Carries everything both ways; what is not retained comes late, again, and out of order while `delay_s` is set.
+    """Carries everything both ways; while `delay_s` is set, unretained messages are delayed, repeated and reordered.
 
-    Presence is left in order: it is mended by whoever owns it, and not what this is about.
+    Presence is left in order: its owners repair it, and it is not the subject of these tests.
     """
 
     def __init__(self, port: int, other_port: int) -> None:

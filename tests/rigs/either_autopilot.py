@@ -11,7 +11,7 @@ from tests.rigs.real_flights import Flight
 
 
 def flight_of(kind: str, folder: Path) -> Flight:
-    """Of `px4` or `copter`, not begun yet; skips the test where the environment names none."""
+    """A flight of `px4` or `copter`, not begun yet; skips the test if the environment names no folder for it."""
     if kind == "px4":
         if not px4.FOLDER:
             pytest.skip("PX4_DIR names no folder with bin/px4 and etc of a PX4")

@@ -1,4 +1,4 @@
-"""A TCP connection over a slow link, on loopback: every byte comes late, and what was lost a round trip later."""
+"""A TCP connection over a slow link, on loopback: every byte arrives late, and a lost one after its retransmission."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tests.rigs.processes import free_port, listens, wait_until
 from tests.simulation.far import AGAIN, FarLink
 
 MOST_BYTES = 1448
-"""Of a TCP segment on Ethernet: so much is lost at a time."""
+"""The payload of a TCP segment on Ethernet, which is the unit of loss."""
 
 
 class Far:
-    """Passes connections to `port` on to another port of this machine, as far away as `link` says."""
+    """Passes connections to `port` on to another port of this machine, with the delay and loss of `link`."""
 
     def __init__(self, there: int, link: FarLink) -> None:
         self.port = free_port()
@@ -48,7 +48,7 @@ class Far:
         await asyncio.gather(self._carry(reader, to_there), self._carry(there, writer))
 
     async def _carry(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-        """One direction: nothing overtakes."""
+        """Carry one direction, in order."""
         loop, under_way, arrives = self._loop, asyncio.Queue[tuple[float, bytes]](), 0.0
         delivering = asyncio.create_task(_deliver(under_way, sink))
         try:

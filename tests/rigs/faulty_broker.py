@@ -1,4 +1,4 @@
-"""A broker that lacks something: a real one, and in front of it whoever changes its packets, or its clients'."""
+"""A broker with a fault: a real one behind a proxy that changes its packets, or its clients'."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ RETAIN = 1
 
 @dataclass
 class Passage:
-    """One client's connection, as the fault sees it: what it published, and whether it subscribed by wildcard."""
+    """A client's connection, as the fault sees it: the topics it published, and whether it subscribed by wildcard."""
 
     published: set[str] = field(default_factory=set)
     wild: bool = False
     held: Packet | None = None
     back: list[Packet] = field(default_factory=list)
-    """What goes to the client in the broker's stead."""
+    """Packets to the client in the broker's stead."""
 
 
 Change = Callable[[Passage, Packet], list[Packet]]
@@ -40,10 +40,10 @@ def as_it_is(passage: Passage, packet: Packet) -> list[Packet]:
 
 @dataclass(frozen=True)
 class Fault:
-    """What becomes of packets from the client (`up`) and to it (`down`).
+    """How packets from the client (`up`) and to it (`down`) are changed.
 
-    `is_forgiving`: a connection that breaks ends for the broker as if the client had left. `most` connections are
-    accepted at once.
+    `is_forgiving`: to the broker a broken connection ends as if the client had disconnected. At most `most` connections
+    are accepted at a time.
     """
 
     up: Change = as_it_is
@@ -67,7 +67,7 @@ def swapped(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
 
 
 def _swap(passage: Passage, packet: Packet) -> list[Packet]:
-    """Every second PUBLISH comes before the one that was first."""
+    """Swap each pair of PUBLISH packets."""
     if packet.kind != PUBLISH:
         return [packet]
     held, passage.held = passage.held, None if passage.held is not None else packet
@@ -82,7 +82,7 @@ def _answer_unsubscribe(passage: Passage, packet: Packet) -> list[Packet]:
 
 
 def _plain_options(cleared: int) -> Callable[[bytes], bytes]:
-    """A SUBSCRIBE whose filters have some bits of their options cleared."""
+    """Clear some bits of the options of a SUBSCRIBE's filters."""
 
     def change(body: bytes) -> bytes:
         out, at = bytearray(body), 3  # packet id, and no properties
@@ -99,13 +99,13 @@ _LAST = cycle(b"0123456789")
 
 
 def _other_id(body: bytes) -> bytes:
-    """A CONNECT without properties whose client id ends otherwise, and not as that of the one before."""
+    """Change the last character of a CONNECT's client id, to another one each time; only without properties."""
     end = 13 + int.from_bytes(body[11:13], "big")
     return body[: end - 1] + bytes([next(_LAST)]) + body[end:] if body[10] == 0 else body
 
 
 def _kept_session(body: bytes) -> bytes:
-    """A CONNECT without properties that asks for its session to be kept, and for the one before."""
+    """Make a CONNECT without properties resume its session and keep it."""
     kept = bytes([body[7] & ~2 & 255]) + body[8:10] + b"\x05\x11\0\0\0\x3c"
     return body[:7] + kept + body[11:] if body[10] == 0 else body
 
@@ -152,14 +152,14 @@ FAULTS = {
     "drops-what-has-expired": Fault(up=changed(PUBLISH, swapped(b"\x02\0\0\0\x01", b"\x02\0\0\x0e\x10"))),
     "takes-sessions-over": Fault(up=changed(CONNECT, _other_id)),
 }
-"""By the rule that finds it."""
+"""Each fault by the rule that finds it."""
 FAULTS_OF_NODES = {
     "carries-between-nodes": Fault(down=without(_is_of_others)),
     "retains-on-every-node": Fault(down=without(_is_retained)),
     "publishes-wills-at-every-node": Fault(down=without(_is_of_others)),
     "takes-sessions-over-between-nodes": Fault(up=changed(CONNECT, _other_id)),
 }
-"""Of one node of several: the others are as they should be."""
+"""Faults of one node of several; the others are correct."""
 
 
 class FaultyBroker:

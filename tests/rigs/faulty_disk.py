@@ -1,4 +1,4 @@
-"""A disk that fails when it is told to."""
+"""A disk that fails on demand."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class FaultyDisk:
-    """What a log asks of the system, on a disk that fails as it is told: one answer for each call.
+    """The `os` functions that a log uses, on a disk that fails as `faults` says: one entry for each call.
 
     A sync that fails loses what was written since the last one; so does a power loss.
     """

@@ -1,4 +1,4 @@
-"""A TCP link on loopback that can be cut, hold back one direction, or delay both; it counts what it carries."""
+"""A TCP link on loopback that can be cut, hold back one direction, or delay both; it counts its bytes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqttxt_conformance.relay import DOWN, MOST_BYTES, UP, Relay
 from tests.rigs.loopback import free_port
 
 HEADERS = 14 + 20 + 32
-"""Of a frame on Ethernet: Ethernet's, IP's, and TCP's with time stamps, in bytes."""
+"""The headers of an Ethernet frame, in bytes: Ethernet's, IP's, and TCP's with timestamps."""
 _TCP_INFO_BYTES = 144
 _COUNTS = struct.Struct("=QQII")
 """Of Linux's tcp_info: bytes acknowledged and received, segments out and in."""
@@ -21,9 +21,9 @@ _COUNTS_AT = 120
 
 
 class FlakyLink(Relay):
-    """A relay to the port `there`; `carried` has the bytes of each direction.
+    """A relay to the port `there`; `carried` counts the bytes of each direction.
 
-    What it passes on comes `one_way_s` later, and by chance up to `jitter_s` more.
+    Data arrives `one_way_s` later, plus up to `jitter_s` at random.
     """
 
     def __init__(self, there: int) -> None:
@@ -43,18 +43,18 @@ class FlakyLink(Relay):
         return str(self.address)
 
     def frames(self) -> tuple[int, int]:
-        """How many frames the client's connections of now have had, bare acknowledgements too, and their bytes."""
+        """The frames of the client's present connections, bare acknowledgements included, and their bytes."""
         counts = [_counts(writer) for writer in self._clients]
         segments = sum(out + into for _, _, out, into in counts)
         return segments, segments * HEADERS + sum(sent + received for sent, received, _, _ in counts)
 
     def stall(self, *ways: str) -> None:
-        """Nothing passes any more in these directions, by default in both, and nobody is told."""
+        """Hold back these directions, by default both, without closing any connection."""
         for way in ways or (UP, DOWN):
             self._passes[way].clear()
 
     def go_on(self) -> None:
-        """What was held passes too."""
+        """Let everything pass again, held data first."""
         super().go_on()
         for passes in self._passes.values():
             passes.set()
@@ -67,7 +67,7 @@ class FlakyLink(Relay):
             self._clients.discard(writer)
 
     async def carry(self, way: str, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-        """Nothing overtakes, and the connection's end comes behind all that is on its way."""
+        """Carry one direction in order; the connection's end follows all data under way."""
         loop, under_way = asyncio.get_running_loop(), asyncio.Queue[tuple[float, bytes]]()
         async with asyncio.TaskGroup() as both:
             both.create_task(self._deliver(way, under_way, sink))

@@ -8,7 +8,7 @@ from typing import Any, Self
 from tests.rigs.processes import Broker, Process, System
 
 FLYING = {"arm": 400, "takeoff": 22, "land": 21, "mode": 176, "reposition": 192, "parameter": 180}
-"""What an autopilot is sent to fly, by MAV_CMD."""
+"""The commands by which an autopilot is flown, as MAV_CMD."""
 
 
 class OneFleet(System):
@@ -31,13 +31,13 @@ class OneFleet(System):
         return super().make_uav(drone, broker, **how).with_more("--endurance-s", "700")
 
     def flown(self, drone: int) -> dict[str, int]:
-        """How often an autopilot was sent each of them; what it was not sent is left out."""
+        """How often an autopilot received each of FLYING; those that it did not receive are left out."""
         found = {name: len(self.commanded(drone, number)) for name, number in FLYING.items()}
         return {name: count for name, count in found.items() if count > 0}
 
 
 class TwoFleets:
-    """The fleets `acme` and `acme/eu`, whose prefix begins with the other's, and their cloud."""
+    """The fleets `acme` and `acme/eu`, the second with a prefix that begins with the first's, and their cloud."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -25,21 +25,21 @@ from mqttxt.security.seal import Seal
 
 SESSION = 0xEEE
 FEW = 100
-"""Messages until it says that it is at it."""
+"""Acknowledged messages after which it reports that it floods."""
 PER_S = 1000
-"""Messages at most: far beyond a station's share (R15.4)."""
+"""At most this many messages per second: far beyond a station's share (R15.4)."""
 PER_VERIFIED = 8
-"""A role reads one message in the time in which as many signatures are verified. What is more than it can read makes
-its broker drop others' messages too."""
+"""A role reads one message in the time in which this many signatures are verified. If more arrive than it can read, its
+broker drops others' messages, too."""
 LONGEST = 10
-"""So much less often are the longest messages said."""
+"""The longest messages are sent less often by this factor."""
 MEASURED_S = 0.5
 
 Message = tuple[str, bytes]
 
 
 class Flooder:
-    """What a station's identity can say without end."""
+    """The endless messages that a station's identity can publish."""
 
     def __init__(self, seal: Seal) -> None:
         self.seal = seal
@@ -54,7 +54,7 @@ class Flooder:
         return (birth for _ in count())
 
     def commands(self) -> Iterator[Message]:
-        """With new ids."""
+        """Commands with new ids."""
         return (self._command(self._signed(seq)) for seq in count())
 
     def repetitions(self) -> Iterator[Message]:
@@ -72,7 +72,7 @@ class Flooder:
         return (("fog1/commands", bytes(MAX_PAYLOAD)) for _ in count())
 
     def questions(self) -> Iterator[Message]:
-        """Registrations that ask for a beacon."""
+        """Registrations, each of which asks for a beacon."""
         return (self._question(nonce) for nonce in count())
 
     def _question(self, nonce: int) -> Message:
@@ -102,7 +102,7 @@ KINDS: dict[str, Callable[[Flooder], Iterator[Message]]] = {
 
 
 def readable_per_s(flooder: Flooder) -> float:
-    """Messages that a role reads on this machine, beside all else that the machine does now."""
+    """How many messages per second a role can read on this machine under its present load, at most PER_S."""
     topic, payload = flooder.birth()
     began_s, verified = time.monotonic(), 0
     while time.monotonic() < began_s + MEASURED_S:
@@ -112,7 +112,7 @@ def readable_per_s(flooder: Flooder) -> float:
 
 
 def main(folder: str, port: str, kind: str, ready_file: str) -> None:
-    """Connect, be born, and flood at QoS 1 until the process is ended."""
+    """Connect, publish a birth, and flood at QoS 1 until the process is ended."""
     identity = Identity.load(Path(folder))
     flooder = Flooder(Seal(identity))
     client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)

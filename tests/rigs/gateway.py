@@ -1,4 +1,4 @@
-"""The gateway beside two drones, and the clients that people have, as tests use them."""
+"""The gateway in front of two drones, and its users' clients as tests use them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ NAN = math.nan
 
 
 class Ground(System):
-    """Two drones that publish every state, and a gateway: a UDP client listens on `udp`, TCP clients go to `tcp`.
+    """Two drones that publish every state, and a gateway: a UDP client listens on `udp`, TCP clients connect to `tcp`.
 
-    The gateway is as far from the cloud broker as `link` says, where there is one.
+    With `link`, the gateway reaches the cloud broker over that link.
     """
 
     def __init__(self, folder: Path, *options: str, link: FarLink | None = None) -> None:
@@ -57,7 +57,7 @@ class Ground(System):
 
 
 async def eventually(read: Callable[[], Awaitable[Any]], right: Callable[[Any], bool], limit_s: float = 60) -> Any:
-    """What a MAVSDK call gives, once it is right."""
+    """Repeat a MAVSDK call until its result is `right`, and return that."""
     value: Any = None
     async with asyncio.timeout(limit_s):
         while not right(value := await read()):
@@ -66,7 +66,7 @@ async def eventually(read: Callable[[], Awaitable[Any]], right: Callable[[Any], 
 
 
 class Flight:
-    """One vehicle of MAVSDK's, with the texts that it says."""
+    """One vehicle in MAVSDK, with the status texts that it sends."""
 
     def __init__(self, system: Any) -> None:
         self.action, self.telemetry = ActionAsync(system), TelemetryAsync(system)
@@ -96,7 +96,7 @@ async def systems(mavsdk: Mavsdk) -> dict[int, Any]:
 
 
 class Client:
-    """A pymavlink client on TCP that behaves as QGroundControl does; a heartbeat a second unless told otherwise."""
+    """A pymavlink client on TCP that behaves like QGroundControl; with `beats`, it sends a heartbeat per second."""
 
     def __init__(self, port: int, system: int = 255) -> None:
         self.link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=system, source_component=190)
@@ -116,7 +116,7 @@ class Client:
     def until(
         self, right: Callable[[Any], bool], what: str, limit_s: float = PATIENCE_S, since: int | None = None
     ) -> Any:
-        """The first message that is right, from now on or from message number `since` on."""
+        """Wait for the first `right` message from now on, or from message number `since` on."""
         seen = len(self.messages) if since is None else since
 
         def came() -> bool:
@@ -127,7 +127,7 @@ class Client:
         return next(message for message in self.messages[seen:] if right(message))
 
     def command(self, number: int, *params: float, drone: int = 1) -> Any:
-        """COMMAND_LONG; its acknowledgement, after those that say that it is in progress."""
+        """Send COMMAND_LONG; returns the result of its acknowledgement, after those of its progress."""
         padded = (*params, *[NAN] * (7 - len(params)))
         self.pump()
         self._asked = len(self.messages)
@@ -135,7 +135,7 @@ class Client:
         return self.until(lambda message: is_ack(message, number, drone), f"acknowledgement of {number}").result
 
     def text(self, wanted: str, limit_s: float = PATIENCE_S) -> None:
-        """Wait for a text since the last command: it may come together with the acknowledgement."""
+        """Wait for a text since the last command; it may have arrived with the acknowledgement."""
         self.until(
             lambda message: message.get_type() == "STATUSTEXT" and wanted in message.text, wanted, limit_s, self._asked
         )

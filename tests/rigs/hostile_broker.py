@@ -1,4 +1,4 @@
-"""A broker that speaks MQTT 5 on real sockets and does with messages what it likes."""
+"""A broker that speaks MQTT 5 on real sockets and treats messages as an attacker would."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tests.simulation.world import matches
 
 PINGREQ = 12
 Delivery = tuple[float, str, bytes]
-"""In how many seconds something is delivered, on which topic, and what."""
+"""The delay of a delivery in seconds, its topic and its payload."""
 Attack = Callable[[str, bytes], list[Delivery]]
-"""What becomes of a message."""
+"""Turns a message's topic and payload into deliveries."""
 
 
 class _Client(Session):
-    """One client of the broker; `filters` are what it has subscribed to."""
+    """One client of the broker; `filters` are its subscriptions."""
 
     broker: HostileBroker
 
@@ -67,9 +67,9 @@ class _Client(Session):
 
 
 class HostileBroker(Server):
-    """Acknowledges whatever it is told, sometimes as if nobody had subscribed.
+    """Acknowledges everything, sometimes as if nobody had subscribed.
 
-    `attacks` are for the next message of a topic; of others it repeats some: the message itself, or an older one of its
+    `attacks` apply to the next message of a topic. Some others it repeats: the message itself, or an older one of its
     topic.
     """
 
@@ -92,7 +92,7 @@ class HostileBroker(Server):
         return self._rng.choice((0, 0, 0, NO_MATCHING_SUBSCRIBERS))
 
     def take(self, topic: str, payload: bytes, qos: int, retain: bool) -> None:
-        """What a client has published."""
+        """Take a message that a client has published."""
         if retain:
             self.retained[topic] = payload
         attack = self.attacks.pop(topic, self._repeat)

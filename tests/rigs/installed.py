@@ -1,4 +1,4 @@
-"""What a newcomer installs: wheels built from the tree, in a virtual environment of their own, without a network."""
+"""A newcomer's installation: wheels built from the tree, in a virtual environment of their own, without a network."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def installed_demo(folder: Path) -> Path:
 
 
 def declared(lines: Collection[str], extra: str) -> set[str]:
-    """The distributions that our own requirements name for an extra, directly and by what those require."""
+    """The distributions that our own requirements name for an extra, directly and indirectly."""
     found: dict[str, set[str]] = {}
     waiting = [(Requirement(line), extra) for line in lines]
     while waiting:

@@ -1,4 +1,4 @@
-"""A pilot's ground station that signs, by pymavlink alone: system 255, component 190 and link id 0, as QGC has them."""
+"""A pilot's ground station that signs, by pymavlink alone: system 255, component 190 and link id 0, as in QGC."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ BEAT_S = 0.5
 
 
 class KeyedPilot:
-    """Says heartbeats to the autopilot at `port` and hears what that signs; without a `key` nothing is signed."""
+    """Sends heartbeats to the autopilot at `port` and receives what that signs; without `key` nothing is signed."""
 
     def __init__(self, port: int, system: int, key: bytes | None) -> None:
         self.latest: dict[str, Any] = {}
         self.results: list[tuple[int, int]] = []
-        """Of COMMAND_ACK to this station: MAV_CMD and MAV_RESULT."""
+        """MAV_CMD and MAV_RESULT of each COMMAND_ACK to this station."""
         self._system = system
         self._codec = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self._codec.robust_parsing = True
@@ -48,7 +48,7 @@ class KeyedPilot:
         self._say(mavlink.MAVLink_command_long_message(self._system, 1, mav_cmd, 0, *params, *[0] * (7 - len(params))))
 
     def result(self, mav_cmd: int) -> int | None:
-        """The newest MAV_RESULT of a command, None before there is one."""
+        """The newest MAV_RESULT of a command, None before the first."""
         return next((result for number, result in reversed(self.results) if number == mav_cmd), None)
 
     def _say(self, message: Any) -> None:

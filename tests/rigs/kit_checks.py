@@ -1,6 +1,6 @@
-"""Checks of the conformance kit side by side: what one finds otherwise than expected is checked again by itself.
+"""Parallel checks of the conformance kit: an implementation with an unexpected result is checked again alone.
 
-Rules measure times. Beside others, which keep the cores busy, an implementation may break one that it keeps alone.
+Rules measure times. Beside others that keep the cores busy, an implementation may break a rule that it keeps alone.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from pathlib import Path
 from mqttxt_conformance.registry import Finding, Verdict
 
 MOST_AGAIN = 8
-"""Implementations that are checked again. Where more are not as expected, it is not by what ran beside them."""
+"""The most implementations that are checked again. If more are not as expected, load is not the cause."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """The names of the rules that an implementation breaks; and of those not tested, None where that is left open."""
+    """The names of the rules that an implementation breaks, and of those not tested, None if that is left open."""
 
     fail: set[str]
     not_tested: set[str] | None = None
@@ -34,7 +34,7 @@ def said(found: Iterable[Finding], verdict: Verdict) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Checked:
-    """What the kit found of each implementation; of those checked again by themselves, what failed beside others."""
+    """The kit's findings by implementation, and for those checked again alone what had failed beside others."""
 
     found: dict[str, list[Finding]]
     beside_others: dict[str, str]
@@ -46,9 +46,9 @@ def check(
     expected: Mapping[str, Expected],
     at_once: int,
 ) -> Checked:
-    """Check implementations, so many at once, and again one by one those that are not as expected.
+    """Check implementations, `at_once` in parallel; check again one by one those that are not as expected.
 
-    `find` checks those named, so many at once, with a folder and brokers of their own.
+    `find` checks the named ones with a folder and brokers of their own; its last argument is how many in parallel.
     """
     found = find(folder / "together", expected.keys(), at_once)
     otherwise = [name for name, one in expected.items() if not one.is_met_by(found[name])]

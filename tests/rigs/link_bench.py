@@ -1,4 +1,4 @@
-"""A UAV client's link to its autopilot, on UDP, and the sockets of whoever writes to it."""
+"""A UAV client's link to its autopilot, on UDP, and the sockets that write to it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.rigs.loopback import eventually
 
 
 class LinkBench:
-    """`heard` has the types of messages that the link took, `refused` why it did not take others."""
+    """`heard` has the types of the messages that the link accepted, `refused` why it refused others."""
 
     def __init__(self, signing: Signing | None = None) -> None:
         self.heard: list[str] = []
@@ -35,7 +35,7 @@ class LinkBench:
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[LinkBench]:
-        """The link listens."""
+        """Run the link while this is entered."""
         running = asyncio.create_task(self.link.run())
         await eventually(lambda: self.link._transport is not None, "it listens")
         yield self
@@ -58,7 +58,7 @@ class LinkBench:
         await eventually(lambda: len(self.heard) + len(self.refused) > before, "it was read")
 
     def write(self, message: Any, source: Source = Source.COMPANION) -> list[bytes]:
-        """What each of the sockets gets of a message."""
+        """Write a message to the link; returns what each socket receives."""
         self.link.write(message, source)
         return [_received(one) for one in self.sockets]
 

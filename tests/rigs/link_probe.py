@@ -1,11 +1,11 @@
-"""Sends numbered datagrams at a steady rate, and says what came of them; runs at both ends of a link.
+"""Sends numbered datagrams at a steady rate and reports their arrivals; runs at both ends of a link.
 
     link_probe.py send HOST COUNT RATE_HZ SIZE      datagrams whose IP packets have SIZE bytes; RATE_HZ 0: all at once
-    link_probe.py receive SILENCE_S                 until nothing comes for SILENCE_S; then prints one row a datagram
+    link_probe.py receive SILENCE_S                 until nothing arrives for SILENCE_S; then prints a row per datagram
 
-A row is `number sent_ns received_ns sound`: the clocks are one, the host's monotonic. `sound` is 0 where a bit is
-wrong; number and times mean nothing then. Datagrams go without a UDP checksum, as IPv4 allows, or the kernel would
-drop those.
+A row is `number sent_ns received_ns sound`; both times are of the host's monotonic clock. `sound` is 0 if a bit is
+wrong; number and times mean nothing then. Datagrams are sent without a UDP checksum, as IPv4 allows; else the kernel
+would drop the damaged ones.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FIRST_TIMEOUT_S = 30.0
 
 
 def send(host: str, count: int, rate_hz: float, size: int) -> None:
-    """In bursts of a millisecond's worth where the rate is higher than 1000 a second."""
+    """Send `count` datagrams; above 1000 per second, in bursts of a millisecond's worth."""
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     out.setsockopt(socket.SOL_SOCKET, SO_NO_CHECK, 1)
     out.connect((host, PORT))
@@ -41,12 +41,12 @@ def send(host: str, count: int, rate_hz: float, size: int) -> None:
 
 
 def check(number: int, sent_ns: int) -> int:
-    """What tells a datagram that was changed on its way."""
+    """The checksum by which a changed datagram is recognized."""
     return zlib.crc32(struct.pack(">IQ", number, sent_ns))
 
 
 def receive(silence_s: float) -> None:
-    """Prints `listening` first."""
+    """Print `listening`, receive, and print the rows."""
     come = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     come.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 64 << 20)
     come.bind(("0.0.0.0", PORT))

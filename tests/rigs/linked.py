@@ -1,4 +1,4 @@
-"""A connection to a made-up broker, and what its role hears."""
+"""A connection to a made-up broker, and a record of what its role receives."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import AsyncIterator, Callable, Hashable
 from contextlib import asynccontextmanager
 from typing import Any
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.mqtt.link import MqttLink
 from tests.rigs.mqtt_server import Server
 from tests.rigs.processes import eventually
 
@@ -19,7 +20,7 @@ WITH_WILL = b"\x04"
 
 
 class Heard:
-    """A runner that only notes what it hears."""
+    """A runner that only records its events."""
 
     def __init__(self) -> None:
         self.connections = self.losses = 0
@@ -54,7 +55,7 @@ class Heard:
 
 @asynccontextmanager
 async def linked(server: Server, scheme: str = "mqtt", **how: Any) -> AsyncIterator[tuple[MqttLink, Heard]]:
-    """A link that is connected to `server`."""
+    """Yield a link that is connected to `server`, and the record of its events."""
     heard = Heard()
     address = BrokerAddress.parse(f"{scheme}://localhost:{server.port}")
     link = MqttLink("fog", address, "client-1", lambda: Will("drone1/reachable", b"down"), heard, **how)

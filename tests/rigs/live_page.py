@@ -1,4 +1,4 @@
-"""The live page in headless Chromium, by mouse and keyboard as a person has them."""
+"""The live page in headless Chromium, used by mouse and keyboard as by a person."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class LivePage(Browser):
         super().__init__(program)
 
     def open(self, url: str, width: int = 1600, dark: bool = False) -> None:
-        """Show the page at a width once it is served, and wait until it knows its drones."""
+        """Show the page at a width once it is served, and wait until it shows drones."""
         served = urlsplit(url)
         assert served.hostname is not None
         assert served.port is not None
         port, host = served.port, served.hostname
-        # Before that the browser shows a page of its own, whose pictures would be taken for the page's.
+        # Until then the browser shows an error page of its own, whose pictures would be taken for the page's.
         wait_until(lambda: listens(port, host), f"{url} is served")
         self.own = (url, "file:")
         self.said.clear()
@@ -52,15 +52,15 @@ class LivePage(Browser):
         self._ask("Emulation.setEmulatedMedia", features=[scheme], media="screen")
 
     def cut_off(self, *files: str) -> None:
-        """From now on these files are not loaded, as when the network changes; none: all are again."""
+        """Block these files from now on, as when the network changes; without any, unblock all."""
         self._ask("Network.setBlockedURLs", urls=[f"*/{name}" for name in files])
 
     def set_time_zone(self, name: str) -> None:
-        """Where whoever looks at the page is, from the next page on; UTC where `name` is empty."""
+        """Set the browser's time zone, from the next page on; an empty `name` is UTC."""
         self._ask("Emulation.setTimezoneOverride", timezoneId=name)
 
     def value(self, expression: str) -> Any:
-        """What an expression of JavaScript is; a promise is waited for."""
+        """The value of a JavaScript expression; promises are awaited."""
         told = self._ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in told, told
         return told["result"].get("value")
@@ -85,7 +85,7 @@ class LivePage(Browser):
         self.until(f"{_text_of(selector)}.includes({json.dumps(part)})", f"{part!r} in {selector}", limit_s)
 
     def click(self, selector: str, across: float = 0.5, down: float = 0.5) -> None:
-        """With the mouse, in the middle of an element, or at other shares of its width and height."""
+        """Click with the mouse, in the middle of an element, or at other shares of its width and height."""
         found = f"document.querySelector({json.dumps(selector)})"
         self.value(f"{found}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
         box = self.value(f"{found}.getBoundingClientRect().toJSON()")
@@ -94,7 +94,7 @@ class LivePage(Browser):
             self._ask("Input.dispatchMouseEvent", type=kind, **at, button="left", clickCount=1)
 
     def drag(self, selector: str, right: float, down: float) -> None:
-        """With the mouse, from the middle of an element on, by so many pixels."""
+        """Drag with the mouse, from the middle of an element, by `right` and `down` pixels."""
         box = self.value(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().toJSON()")
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         there = {"x": x + right, "y": y + down}
@@ -105,7 +105,7 @@ class LivePage(Browser):
         self._ask("Input.dispatchMouseEvent", type="mouseReleased", **there, **pressed)
 
     def pinch(self, selector: str, apart: float, later: float) -> None:
-        """With two fingers in the middle of an element, so many pixels apart, and then so many."""
+        """Pinch with two fingers in the middle of an element: first `apart`, then `later` pixels from each other."""
         box = self.value(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().toJSON()")
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         self._ask("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
@@ -115,7 +115,7 @@ class LivePage(Browser):
         self._ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
 
     def watch_inputs(self) -> None:
-        """Count from now on, on this page, what is done by mouse and by keyboard."""
+        """Count presses of the mouse's button and of keys on this page from now on."""
         self.value(
             """window.inputs = {mouse: 0, keys: 0};
             addEventListener('pointerdown', () => { window.inputs.mouse += 1; }, true);
@@ -123,42 +123,42 @@ class LivePage(Browser):
         )
 
     def inputs(self) -> tuple[int, int]:
-        """How often the mouse's button and keys were pressed."""
+        """How often the mouse's button was pressed, and keys."""
         found = self.value("window.inputs")
         return int(found["mouse"]), int(found["keys"])
 
     def keep_downloads(self, folder: Path) -> None:
-        """Whatever is saved goes there."""
+        """Save downloads in `folder`."""
         self._ask("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
 
     def choose(self, selector: str, path: Path) -> None:
-        """A file, in a field for one."""
+        """Choose a file in a file input."""
         root = self._ask("DOM.getDocument")["root"]["nodeId"]
         node = self._ask("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
         self._ask("DOM.setFileInputFiles", nodeId=node, files=[str(path)])
 
     def press(self, key: str, shift: bool = False) -> None:
-        """A key by its name, or what types a character."""
+        """Press a key, given by its name or its character."""
         text = "\r" if key == "Enter" else key if len(key) == 1 else ""
-        # Only letters and digits have their character's code: that of a point is Delete's.
+        # Only letters and digits have their character's code: a full stop's is Delete's.
         code = _KEYS.get(key, ord(key.upper()) if key.isalnum() and len(key) == 1 else 0)
         how = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
         self._ask("Input.dispatchKeyEvent", type="keyDown", **how, **({"text": text} if text else {}))
         self._ask("Input.dispatchKeyEvent", type="keyUp", **how)
 
     def type(self, selector: str, text: str) -> None:
-        """A text in place of that of a field."""
+        """Replace a field's text."""
         self.click(selector)
         self.value("document.activeElement.select()")
         self._ask("Input.insertText", text=text)
 
     def press_all(self, text: str) -> None:
-        """A text, key by key; a field that Tab leads to has its old one selected."""
+        """Type a text key by key; in a field reached by Tab, the old text is selected and so replaced."""
         for key in text:
             self.press(key)
 
     def tab_to(self, selector: str) -> None:
-        """Go there by the Tab key alone."""
+        """Move the focus to an element by the Tab key alone."""
         for _ in range(200):
             if self.value(f"document.activeElement.matches({json.dumps(selector)})"):
                 return
@@ -166,7 +166,7 @@ class LivePage(Browser):
         raise AssertionError(f"{selector}: the Tab key does not lead there")
 
     def violations(self) -> list[str]:
-        """What axe-core finds."""
+        """The violations that axe-core finds."""
         self.value(f"{AXE.read_text()}; 0")
         found = self.value(
             "axe.run().then(r => r.violations.map(v => v.id + ': ' + v.nodes.map(n => n.html).join(' ')))"
@@ -175,7 +175,7 @@ class LivePage(Browser):
         return found
 
     def wider(self) -> list[str]:
-        """Elements that stand out of the page on the right, without those in a box that scrolls."""
+        """Elements that overflow the page on the right, except those in a box that scrolls."""
         found = self.value(
             """(() => { const wide = document.documentElement.clientWidth;
               const scrolls = e => { for (let p = e; p; p = p.parentElement)
@@ -188,7 +188,7 @@ class LivePage(Browser):
         return found
 
     def picture(self, path: Path, width: int, dark: bool = False) -> None:
-        """The whole page as a PNG."""
+        """Write a PNG of the whole page, at most TALLEST pixels high."""
         self.resize(width, dark)
         height = min(TALLEST, int(self.value("document.documentElement.scrollHeight")))
         self.resize(width, dark, height)
@@ -203,12 +203,12 @@ def cell(drone: int, column: int) -> str:
 
 
 def last_words(browser: LivePage, word: str) -> int:
-    """How many drones of the newest command have said this word."""
+    """How many drones have answered the newest command with this word."""
     return int(browser.value(f"document.querySelectorAll('#orders > li:first-child li[data-word={word}]').length"))
 
 
 def done(browser: LivePage, text: str, drones: int = 1) -> None:
-    """The newest command is this one, and so many drones have completed it."""
+    """Wait until the newest command is `text` and `drones` drones have completed it."""
     browser.until_text("#orders > li:first-child h3", text)
     wait_until(lambda: last_words(browser, "completed") == drones, f"{text}: {browser.text('#orders')}", 60)
 

@@ -1,4 +1,4 @@
-"""Ports of loopback, and waiting for what is there: for tests that run on every system."""
+"""Ports of loopback, and waits for conditions, for tests that run on every system."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _WORKER, _WORKERS = (
     int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1)),
 )
 _PORTS = range(20_000 + _WORKER % _WORKERS, 32_000, _WORKERS)
-"""This process's own, where several workers run the tests."""
+"""The ports of this worker, if several run the tests."""
 _RANDOM = random.SystemRandom()
 _given: set[int] = set()
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of loopback that nobody uses now, and that nobody was given before, by another worker neither.
+    """A port of loopback that is unused now and was not returned before, by other workers neither.
 
-    Not one of those that the system gives to clients: a connection could take it before its owner does, or while
-    that is restarted.
+    It is not one of the ephemeral ports: a client's connection could take one of those before its owner binds it, or
+    while the owner restarts.
     """
     while True:
         port = _RANDOM.choice(_PORTS)
@@ -44,7 +44,7 @@ def listens(port: int, host: str = "127.0.0.1") -> bool:
 
 
 def wait_until(condition: Callable[[], object], what: str, limit_s: float = PATIENCE_S) -> None:
-    """Wait until something holds; fails the test with `what` when it does not."""
+    """Wait until a condition holds; fails the test with `what` after `limit_s`."""
     deadline = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
@@ -52,7 +52,7 @@ def wait_until(condition: Callable[[], object], what: str, limit_s: float = PATI
 
 
 async def eventually(condition: Callable[[], object], what: str, limit_s: float = PATIENCE_S) -> None:
-    """`wait_until` for a test whose event loop has to go on."""
+    """`wait_until` for a test whose event loop has to keep running."""
     deadline = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"

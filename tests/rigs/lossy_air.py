@@ -1,4 +1,4 @@
-"""A way for datagrams on loopback that loses, repeats, delays and reorders them, and can change the sender's port."""
+"""A path for datagrams on loopback that loses, repeats, delays and reorders them, and can change the sender's port."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.rigs.loopback import free_port
 
 UP, DOWN = "up", "down"
 HEADERS = 28
-"""IPv4's and UDP's, in bytes."""
+"""Headers of IPv4 and UDP, in bytes."""
 
 Address = tuple[Any, ...]
 
@@ -19,7 +19,7 @@ Address = tuple[Any, ...]
 class LossyAir:
     """Passes datagrams on to `there` and back; `carried` has their bytes with headers, by direction.
 
-    Chances are of one datagram; delays in seconds. `seen` has each datagram with its direction, lost ones too.
+    Probabilities are per datagram, delays in seconds. `seen` has each datagram with its direction, lost ones too.
     """
 
     def __init__(self, there: int, seed: int = 1) -> None:
@@ -44,18 +44,18 @@ class LossyAir:
         return self
 
     def be_bad(self) -> None:
-        """Worse than the testbed's lossy profile."""
+        """Become worse than the testbed's lossy profile."""
         self.loses, self.repeats, self.reorders, self.delay_s = 0.1, 0.05, 0.05, 0.02
 
     def cut(self) -> None:
-        """Nothing passes any more, and nobody is told."""
+        """Drop everything from now on, silently."""
         self._is_cut = True
 
     def go_on(self) -> None:
         self._is_cut = False
 
     def rebind(self) -> None:
-        """From now on the clients' datagrams come from other ports, as behind a NAT that has forgotten them."""
+        """Send the clients' datagrams from other ports from now on, as a NAT does that has forgotten them."""
         for transport in self._far.values():
             transport.close()
         self._far.clear()

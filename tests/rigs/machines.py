@@ -1,4 +1,4 @@
-"""Machines on one machine: Docker daemons in network namespaces of their own, which a bridge joins."""
+"""Several machines simulated on one: Docker daemons in network namespaces of their own, joined by a bridge."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STARTED_S, ENDED_S = 60.0, 60.0
 
 
 class DockerMachine:
-    """A daemon whose network is a cable to the bridge; `log` is what it says."""
+    """A daemon whose only network is a cable to the bridge; `log` has its output."""
 
     def __init__(self, folder: Path, bridge: str, number: int) -> None:
         self.folder = folder
@@ -37,7 +37,7 @@ class DockerMachine:
 
     @property
     def name(self) -> str:
-        """What the testbed calls it."""
+        """The machine's name in the testbed."""
         return self.address.partition("://")[2]
 
     def client(self) -> Any:
@@ -59,7 +59,7 @@ class DockerMachine:
         wait_until(self._answers, f"a daemon answers ({self.log})", STARTED_S)
 
     def kill(self) -> None:
-        """As a power cut: nothing of it runs or is reached any more."""
+        """Simulate a power cut: nothing of it runs or can be reached any more."""
         with contextlib.closing(self.client()) as client:
             first = [client.api.inspect_container(one.id)["State"]["Pid"] for one in client.containers.list()]
         _run("ip", "link", "del", self._cable)
@@ -83,7 +83,7 @@ class DockerMachine:
             _run("umount", "--lazy", mount)
 
     def _own_processes(self) -> list[int]:
-        """Those that name its folder: the daemon, its containerd, and what holds each container."""
+        """The processes that name its folder: the daemon, its containerd, and each container's shim."""
         found = []
         for path in Path("/proc").glob("[0-9]*/cmdline"):
             with contextlib.suppress(OSError):
@@ -106,7 +106,7 @@ class DockerMachine:
 
 
 class Machines:
-    """So many of them, of which the first is the one that the testbed runs on and has the node image."""
+    """`count` machines; the testbed runs on the first, which has the node image."""
 
     def __init__(self, count: int) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="mx"))  # short: a socket's path may have 107 bytes
@@ -123,13 +123,13 @@ class Machines:
 
     @property
     def environment(self) -> dict[str, str]:
-        """With which the testbed flies on them."""
+        """The environment variables with which the testbed flies on these machines."""
         return {"DOCKER_HOST": self.here.address, "MACHINES": ",".join(machine.address for machine in self.others)}
 
     def start(self) -> Self:
         _run("ip", "link", "add", self._bridge, "type", "bridge")
         _run("ip", "link", "set", self._bridge, "up")
-        _run("iptables", "--insert", *self._rule)  # Docker drops what is forwarded
+        _run("iptables", "--insert", *self._rule)  # Docker drops forwarded packets
         for machine in self.all:
             machine.start()
         save = subprocess.Popen(["docker", "save", NODE], stdout=subprocess.PIPE)

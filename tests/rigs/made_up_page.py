@@ -24,7 +24,7 @@ async def served(
     places: tuple[Place, ...] = (),
     tiles: Tiles | None = None,
 ) -> AsyncIterator[str]:
-    """The page at a port; its address."""
+    """Serve the page at a port, and yield its address."""
     fogs = cast("list[Fog]", [station.the_fog])
     serving = asyncio.create_task(
         serve(cast("GroundStation", station), fogs, "127.0.0.1", port, False, links, tiles, places)
@@ -46,7 +46,7 @@ async def shown(
     places: tuple[Place, ...] = (),
     tiles: Tiles | None = None,
 ) -> AsyncIterator[LivePage]:
-    """The page, open in a browser, whose calls run in a thread beside the page's loop."""
+    """The page in a browser; run the browser's calls in a thread, beside the page's loop."""
     async with served(station, free_port(), links, places, tiles) as url:
         with LivePage() as browser:
             await asyncio.to_thread(browser.open, url, width)

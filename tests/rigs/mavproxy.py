@@ -1,4 +1,4 @@
-"""MAVProxy as a process that a test types to."""
+"""MAVProxy as a process into which a test types."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ SEEN = re.compile(r"Detected vehicle (\d+):1 on link 0")
 
 
 def wheel() -> Path:
-    """MAVProxy's wheel, which runs as it is; downloaded once, as pinned."""
+    """MAVProxy's wheel, which runs without installation; downloaded once, in the pinned version."""
     folder = ROOT / ".cache" / "mavproxy"
     version = re.search(r"mavproxy==(\S+)", REQUIREMENTS.read_text())
     assert version is not None
     found = folder / f"mavproxy-{version[1]}-py3-none-any.whl"
     if not found.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=folder) as new:  # another worker may be at it too
+        with TemporaryDirectory(dir=folder) as new:  # another worker may be downloading it, too
             options = ["--quiet", "--require-hashes", "--no-deps", "--only-binary", ":all:", "--dest", new]
             pip = [sys.executable, "-m", "pip", "download", *options, "--requirement", str(REQUIREMENTS)]
             subprocess.run(pip, check=True)
@@ -35,7 +35,7 @@ def wheel() -> Path:
 
 
 class MavProxy:
-    """A MAVProxy; what it says is kept, and it can be typed to."""
+    """A MAVProxy; its output is kept, and lines can be typed into it."""
 
     def __init__(self, folder: Path, master: str) -> None:
         options = ["--master", master, "--nowait", "--state-basedir", str(folder)]
@@ -54,7 +54,7 @@ class MavProxy:
         self._reader.start()
 
     def type_until_said(self, line: str, answer: str) -> None:
-        """As a person would: MAVProxy sends a command once, and a busy router drops what it has no room for."""
+        """Type a line until it is answered: MAVProxy sends a command once, and a busy router drops messages."""
         typed_s = -math.inf
 
         def answered() -> bool:

@@ -1,4 +1,4 @@
-"""The broker's side of MQTT 5 connections on loopback, as far as tests of the client's side need it."""
+"""The broker's side of MQTT 5 connections on loopback, as far as tests of clients need it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DATA_SEGMENTS_IN = 152
 
 @dataclass(frozen=True)
 class Packet:
-    """A packet as it came: type, flags, and everything behind the fixed header."""
+    """A packet as received: type, flags, and everything after the fixed header."""
 
     kind: int
     flags: int
@@ -50,14 +50,14 @@ def numbers(properties: bytes) -> dict[int, int]:
 
 
 def publish(topic: str, payload: bytes, qos: int = 0, mid: int = 0, properties: bytes = b"") -> bytes:
-    """A PUBLISH towards the client."""
+    """The bytes of a PUBLISH to the client."""
     name = struct.pack("!H", len(topic)) + topic.encode() + (struct.pack("!H", mid) if qos else b"")
     body = name + variable_length(len(properties)) + properties + payload
     return bytes([0x30 | qos << 1]) + variable_length(len(body)) + body
 
 
 async def read_packet(reader: asyncio.StreamReader) -> Packet:
-    """The next packet; IncompleteReadError at the end."""
+    """Read the next packet. Raises IncompleteReadError at the end of the connection."""
     (first,) = await reader.readexactly(1)
     length = shift = 0
     while True:
@@ -85,7 +85,7 @@ def variable_length(length: int) -> bytes:
 
 
 class Session:
-    """One connection of a client, behind its CONNACK."""
+    """One connection of a client, after its CONNACK."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, acknowledges: bool, granted: Iterator[int]
@@ -113,12 +113,12 @@ class Session:
         self._writer.close()
 
     def segments(self) -> int:
-        """TCP segments with data that have come so far, as the kernel counts them."""
+        """TCP segments with data received so far, as the kernel counts them."""
         info = self._writer.get_extra_info("socket").getsockopt(6, 11, 256)  # IPPROTO_TCP, TCP_INFO
         return int(struct.unpack_from("=I", info, _DATA_SEGMENTS_IN)[0])
 
     async def read(self) -> Packet:
-        """The next packet; IncompleteReadError at the end."""
+        """Read and record the next packet. Raises IncompleteReadError at the end of the connection."""
         packet = await read_packet(self._reader)
         self.packets.append(packet)
         return packet
@@ -143,7 +143,7 @@ class Session:
 class Server:
     """Accepts connections on loopback; `connack` are the CONNACK's properties, `code` its reason code.
 
-    `granted` are the reason codes of the first SUBACKs, of whichever session; SILENCE leaves one out.
+    `granted` are the reason codes of the first SUBACKs, across all sessions; SILENCE leaves one out.
     """
 
     def __init__(

@@ -21,9 +21,9 @@ STATION = Rights(None, take_over=True, observe=True)
 
 
 class OneDrone:
-    """`mode` is "", TLS or SIGNED: with one of the latter each node has an identity of the fleet `acme`.
+    """`mode` is "", TLS or SIGNED; with the latter two each node has an identity of the fleet `acme`.
 
-    A rig adds what is between drone and fog: options for both (`run`), more brokers, links that it begins and ends.
+    A rig adds the way between drone and fog: options for both (`run`), more brokers, links that it begins and ends.
     """
 
     signs_readings = False
@@ -46,7 +46,7 @@ class OneDrone:
         self.sitl = self.process("sitl", "sitl", "fly", *fleet, *there, "--events", str(folder / "sitl.jsonl"))
 
     def run(self, activator: Sequence[str], uav: Sequence[str], ppm: int | None = None) -> None:
-        """Make both programs, with these options beside the usual ones; `ppm` is the drone's clock."""
+        """Make both programs, with these options besides the usual ones; `ppm` is the rate of the drone's clock."""
         brokers = ["--cloud", self.cloud_url, "--fog-broker", self.url(self.fog.port)]
         journal = ["--journal", str(self.folder / "journal"), "--autopilot", f"udp:127.0.0.1:{self._autopilot}"]
         activator = ["--fog", "1", "--drones", "1", *brokers, *activator, *self.identity("fog1")]
@@ -98,14 +98,14 @@ class OneDrone:
             broker.kill()
 
     async def begin(self) -> None:
-        """As `start`, behind the links that a rig has."""
+        """Start everything; a rig starts its links first."""
         await asyncio.to_thread(self.start)
 
     async def end(self) -> None:
         self.close()
 
     def station(self, name: str = "gs-ops", signed: bool | None = None) -> GroundStation:
-        """A ground station that signs as the fleet does, unless it is told to do otherwise."""
+        """A ground station that signs if the fleet does, or as `signed` says."""
         folder = self.acme.folder / name if self.acme is not None else None
         signs = self.is_signed if signed is None else signed
         readings = signs and self.signs_readings
@@ -113,7 +113,7 @@ class OneDrone:
 
     @asynccontextmanager
     async def flying(self) -> AsyncIterator[tuple[GroundStation, Drone]]:
-        """A station, and drone 1, which that controls; neither the activator nor the UAV client ends meanwhile."""
+        """Yield a station and drone 1, which it controls; asserts that activator and UAV client run to the end."""
         try:
             await self.begin()
             async with self.station() as station:

@@ -1,6 +1,6 @@
 """mqttxt as on Windows: `python other_system.py mqttxt ARGUMENTS…`, or a Python file and its arguments.
 
-What Windows lacks is taken away before mqttxt is loaded. What stays Linux's is the behaviour of what both have.
+Names that Windows lacks are removed before mqttxt is loaded. Names that both have still behave as on Linux.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ NAMES: dict[Any, tuple[str, ...]] = {
     time: ("CLOCK_BOOTTIME", "CLOCK_MONOTONIC", "CLOCK_MONOTONIC_RAW", "clock_gettime", "clock_gettime_ns"),
 }
 LOADED = (logging, ssl, subprocess, tempfile)
-"""Parts of Python that look for some of it when they are loaded; on Windows they do without."""
+"""Parts of Python that look up some of these names when they are loaded; on Windows they do without."""
 _open = os.open
 
 
 class WindowsSelectorLoop(asyncio.SelectorEventLoop):
-    """Knows of no signals."""
+    """A loop without signal handlers."""
 
     add_signal_handler = asyncio.AbstractEventLoop.add_signal_handler
     remove_signal_handler = asyncio.AbstractEventLoop.remove_signal_handler
 
 
 class ProactorEventLoop(WindowsSelectorLoop):
-    """The default one: watches no sockets either."""
+    """The default loop, which cannot watch sockets, either."""
 
     add_reader = asyncio.AbstractEventLoop.add_reader
     remove_reader = asyncio.AbstractEventLoop.remove_reader
@@ -48,14 +48,14 @@ class ProactorEventLoop(WindowsSelectorLoop):
 
 
 def open_file(path: Any, *arguments: Any, **options: Any) -> int:
-    """Folders are not opened."""
+    """`os.open`, which does not open folders."""
     if not isinstance(path, int) and Path(os.fsdecode(path)).is_dir():
         raise PermissionError(13, "Permission denied", path)
     return _open(path, *arguments, **options)
 
 
 def become_windows() -> None:
-    """Take it away in this process."""
+    """Remove from this process what Windows lacks."""
     for module in MODULES:
         sys.modules[module] = None  # type: ignore[assignment]
     for home, names in NAMES.items():

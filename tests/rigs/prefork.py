@@ -1,7 +1,8 @@
 """Python programs of the repository as processes that start in milliseconds: forks of a process that has imported them.
 
-What runs is `python -m MODULE ARGUMENT…`, with the same files, environment, signals and exit code; only the imports,
-most of a short program's time, were made before. A worker's server starts with the first program, and ends with it.
+Each runs as `python -m MODULE ARGUMENT…`, with the same files, environment, signals and exit code; only the imports,
+most of a short program's time, are done beforehand. A worker's server starts with the first program, and ends with
+the worker.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ IMPORTED = (
     "sitl.cli",
     "sitl.process",
 )
-"""What takes the programs long to import; each imports the rest itself."""
+"""The modules that take long to import; each program imports the rest itself."""
 _LONGEST = 2**18
 """Bytes of a request: the arguments and the environment."""
 _ASKING = threading.Lock()
 
 
 class Running(Protocol):
-    """What tests use of a process; `subprocess.Popen` has it too."""
+    """The part of a process's interface that tests use, as in `subprocess.Popen`."""
 
     pid: int
 
@@ -59,7 +60,7 @@ class Running(Protocol):
 
 
 class Forked:
-    """A program that the server has forked; its exit code is as `subprocess.Popen` has it."""
+    """A program that the server has forked; its exit code is as in `subprocess.Popen`."""
 
     def __init__(self, pid: int, ended: int) -> None:
         self.pid = pid
@@ -70,7 +71,7 @@ class Forked:
         return self._code if self._is_known(0.0) else None
 
     def wait(self, timeout: float | None = None) -> int:
-        """Raises subprocess.TimeoutExpired."""
+        """Wait for the exit code. Raises subprocess.TimeoutExpired."""
         if not self._is_known(timeout):
             raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
         assert self._code is not None
@@ -104,7 +105,7 @@ def start(
     stderr: IO[bytes],
     environment: Mapping[str, str] | None = None,
 ) -> Forked:
-    """Start a module, whose __main__ is run, with files for what it says."""
+    """Start a module by its __main__, with files for its output."""
     ended, ends = os.pipe()
     request = json.dumps([module, arguments, str(ROOT), dict(os.environ if environment is None else environment)])
     assert len(request) < _LONGEST
@@ -120,7 +121,7 @@ def start(
 def run(
     module: str, *arguments: str, timeout_s: float = 60, environment: Mapping[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run a module until it ends, with what it said; raises subprocess.TimeoutExpired, and ends it then."""
+    """Run a module until it ends; returns its exit code and output. Kills it and raises subprocess.TimeoutExpired."""
     with tempfile.TemporaryFile() as stdout, tempfile.TemporaryFile() as stderr:
         process = start(module, [*arguments], stdout, stderr, environment)
         try:
@@ -135,7 +136,7 @@ def run(
 
 @cache
 def _server() -> socket.socket:
-    """The connection to this worker's server, which ends when that is closed."""
+    """The connection to this worker's server; the server ends when it is closed."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     command = [sys.executable, "-m", __name__, str(theirs.fileno())]
     subprocess.Popen(command, cwd=ROOT, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
@@ -153,7 +154,7 @@ class _Program:
 
 
 def _serve(connection: socket.socket) -> _Program | None:
-    """Fork for each request; returns the program in its fork, and None in the server once nobody asks."""
+    """Fork for each request; returns the program in its fork, and None in the server once the client has gone."""
     children: dict[int, int] = {}
     woken, wakes = os.pipe()
     for end in (woken, wakes):
@@ -191,13 +192,13 @@ def _drain(pipe: int) -> None:
 
 
 def _reap(children: dict[int, int]) -> None:
-    """Tell each process that has ended with its exit code."""
+    """Report the exit code of each process that has ended."""
     while children:
         pid, status = os.waitpid(-1, os.WNOHANG)
         if pid == 0:
             return
         ends = children.pop(pid)
-        with contextlib.suppress(BrokenPipeError):  # nobody asks any more
+        with contextlib.suppress(BrokenPipeError):  # the test has closed its end
             os.write(ends, str(os.waitstatus_to_exitcode(status)).encode())
         os.close(ends)
 

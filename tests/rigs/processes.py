@@ -23,14 +23,14 @@ from tests.tools.node_programs import MOSQUITTO
 
 
 def commanded(events: Path, mav_cmd: int) -> list[dict[str, Any]]:
-    """What a stand-in's log of events has of a MAV_CMD, with the time of each."""
+    """The events of a MAV_CMD in a stand-in's log, with their times."""
     lines = events.read_text().splitlines() if events.exists() else []
     found = [json.loads(line) for line in lines if line.endswith("}")]
     return [event for event in found if event["event"] == "command" and event["command"] == mav_cmd]
 
 
 def ask_autopilot(control: Path, request: dict[str, Any]) -> dict[str, Any]:
-    """What a stand-in answers on its side channel."""
+    """Ask a stand-in on its side channel, and return the answer."""
     with socket.socket(socket.AF_UNIX) as sock:
         sock.connect(str(control))
         sock.sendall(json.dumps(request).encode() + b"\n")
@@ -39,7 +39,7 @@ def ask_autopilot(control: Path, request: dict[str, Any]) -> dict[str, Any]:
 
 
 class Program:
-    """A process that a test starts and ends; `log` has what it said."""
+    """A process that a test starts and ends; `log` has its output."""
 
     def __init__(self, folder: Path, name: str, *command: str) -> None:
         self.name = name
@@ -72,7 +72,7 @@ class Program:
         return self._process.wait(limit_s)
 
     def kill(self) -> None:
-        """SIGKILL, as a crash would end it."""
+        """Kill it by SIGKILL, as in a crash."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -116,7 +116,9 @@ class Broker(Program):
 
 
 def as_this_user() -> str:
-    """A line for Mosquitto's configuration: as root it would change to a user who cannot read a test's folder."""
+    """A line for Mosquitto's configuration: started as root, it would else change to a user who cannot read a test's
+    folder.
+    """
     return "user root\n" if os.geteuid() == 0 else ""
 
 
@@ -133,7 +135,7 @@ class Process(Program):
         return super()._start(log) if self._module is None else prefork.start(self._module, self._command, log, log)
 
     def with_more(self, *arguments: str) -> Self:
-        """The same, with more arguments."""
+        """Add arguments; returns itself."""
         self._command += arguments
         return self
 
@@ -147,7 +149,7 @@ class Process(Program):
         return self
 
     def step_clock(self) -> None:
-        """Its session clock jumps ahead (`odd_clock`)."""
+        """Step its session clock ahead (`odd_clock`)."""
         self.signal(signal.SIGUSR1)
 
 
@@ -203,7 +205,7 @@ class System:
 
     @property
     def brokers(self) -> tuple[Broker, ...]:
-        """Those that it starts and ends."""
+        """The brokers that it starts and ends."""
         return self.cloud, self.fog
 
     def start(self) -> Self:
@@ -222,9 +224,9 @@ class System:
             broker.kill()
 
     def commanded(self, drone: int, mav_cmd: int) -> list[dict[str, Any]]:
-        """What an autopilot received of a MAV_CMD, with the time of each."""
+        """The events of a MAV_CMD that an autopilot received, with their times."""
         return commanded(self.folder / f"sitl{drone}.jsonl", mav_cmd)
 
     def control(self, drone: int, request: dict[str, Any]) -> dict[str, Any]:
-        """The autopilot's side channel."""
+        """Ask the autopilot on its side channel, and return the answer."""
         return ask_autopilot(self.folder / f"sitl{drone}.sock", request)

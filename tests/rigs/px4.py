@@ -21,7 +21,7 @@ HOLD, RETURN, LAND, TAKEOFF, OFFBOARD = (4, 3), (4, 5), (4, 6), (4, 2), (6, 0)
 
 
 class Px4(Autopilot):
-    """PX4 in a folder of its own; each start is a new one, with its parameters' defaults."""
+    """PX4 in a folder of its own; each start is fresh, with default parameters."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder, "px4")

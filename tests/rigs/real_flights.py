@@ -1,4 +1,4 @@
-"""MQTT-XT's roles fly a real autopilot with its own simulator, and a pilot's station on its second link looks on."""
+"""MQTT-XT's roles fly a real autopilot with its own simulator; a pilot's station watches on its second link."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Autopilot(ABC):
 
 
 class Pilot(ABC):
-    """What a pilot's station on the aircraft sees and does: the truth that the flights are held to."""
+    """A pilot's station on the aircraft: it sees the truth with which the flights are compared."""
 
     landing: ClassVar[Any]
     """The mode in which it lands."""
@@ -79,7 +79,7 @@ class Pilot(ABC):
     @property
     @abstractmethod
     def mode(self) -> Any:
-        """Its kind's own numbers."""
+        """The mode in the numbers of its kind."""
 
     @abstractmethod
     def set_mode(self, mode: Any) -> None: ...
@@ -90,13 +90,13 @@ class Pilot(ABC):
         self._socket.close()
 
     def sign(self, key: bytes) -> None:
-        """From now on."""
+        """Sign with `key` from now on."""
         signing = self._codec.signing
         signing.timestamp = Stamps().now()
         signing.secret_key, signing.sign_outgoing = key, True
 
     def watch(self) -> None:
-        """Ask for what is looked at, until it comes."""
+        """Request the watched messages until they arrive."""
         names = {mavlink.mavlink_map[kind].msgname for kind in _WATCHED}
         for name in names:
             self.latest.pop(name, None)
@@ -116,7 +116,7 @@ class Pilot(ABC):
         self._write(mavlink.MAVLink_param_set_message(SYSTEM, 1, name.encode(), value, kind))
 
     def set_whole_parameter(self, name: str, value: int) -> None:
-        """As PX4 has them: a whole number travels as the bits of a float."""
+        """PX4's encoding: an integer is sent as the bits of a float."""
         bits = struct.unpack("<f", struct.pack("<i", value))[0]
         self.set_parameter(name, bits, mavlink.MAV_PARAM_TYPE_INT32)
 
@@ -133,7 +133,7 @@ class Pilot(ABC):
 
     @property
     def would_arm(self) -> bool:
-        """Its own verdict."""
+        """Whether the autopilot reports that it would arm."""
         return bool(self.latest["SYS_STATUS"].onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
 
     @property
@@ -163,17 +163,17 @@ class Pilot(ABC):
                 continue
             for message in self._parser.parse_buffer(data) or ():
                 if (message.get_srcSystem(), message.get_srcComponent()) != (SYSTEM, 1):
-                    continue  # ArduPilot passes on what the UAV client says on its link
+                    continue  # ArduPilot passes on what the UAV client sends on its link
                 self.latest[message.get_type()] = message
                 if message.get_type() == "GLOBAL_POSITION_INT":
                     self.highest_m = max(self.highest_m, message.relative_alt / 1000)
 
 
 class Flight:
-    """The autopilot, its pilot, the brokers and the roles, for all tests of a file: it takes a minute until it arms."""
+    """The autopilot, its pilot, the brokers and the roles, shared by a file's tests: arming takes a minute."""
 
     def __init__(self, folder: Path, autopilot: Autopilot, pilot: Pilot, key_file: Path | None = None) -> None:
-        """With a key's file the autopilot gets that key before its client starts; `signs` says whether it took it."""
+        """With `key_file` the autopilot gets that key before its client starts; `signs`: whether it took the key."""
         self.folder, self.key_file = folder, key_file
         self.signs = False
         self.autopilot, self.pilot = autopilot, pilot
@@ -185,7 +185,7 @@ class Flight:
         self.uav = Process(folder, "uav", "mqttxt", "uav", *self.uav_options("uav"), *keyed)
 
     def uav_options(self, name: str) -> list[str]:
-        """Of a UAV client without a key."""
+        """The options of a UAV client without a key."""
         address = f"udp:127.0.0.1:{self.autopilot.port}"
         drone = ["--drone", str(SYSTEM), "--broker", self.fog.url, "--autopilot", address]
         files = [f"{name}.journal", f"{name}.ready"]
@@ -227,7 +227,7 @@ class Flight:
 
     @asynccontextmanager
     async def drone(self) -> AsyncIterator[Drone]:
-        """The drone on the ground, disarmed, and under this station's control; it is brought down afterwards."""
+        """Yield the drone on the ground, disarmed and under this station's control; bring it down afterwards."""
         async with GroundStation(self.cloud.url) as station:
             (fog,) = await station.connect([1])
             drone = fog.drone(SYSTEM)
@@ -240,7 +240,9 @@ class Flight:
                 await eventually(lambda: not self.pilot.armed, "landed", 120)
 
     async def _have_an_autopilot_that_would_arm(self) -> None:
-        """PX4 may find its GNSS bad for good after a flight ("GPS Vertical Pos Drift too high"): it is started anew."""
+        """Restart an autopilot that would not arm: PX4 may reject its GNSS for good after a flight ("GPS Vertical Pos
+        Drift too high").
+        """
         try:
             await eventually(lambda: self.pilot.would_arm, "the autopilot would arm", BOOT_S / 2)
         except AssertionError:

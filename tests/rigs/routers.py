@@ -18,7 +18,7 @@ class Router(Program):
 
 
 def chain(folder: Path, ports: list[int], first_system_id: int = 201) -> list[Router]:
-    """Routers between neighbours of `ports`, on loopback: each listens on one and goes on to the next.
+    """Routers between neighbours of `ports`, on loopback: each listens on one and sends to the next.
 
     An autopilot sends to the first port, a ground station listens on the last.
     """

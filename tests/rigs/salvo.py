@@ -1,4 +1,4 @@
-"""A salvo of commands with short deadlines, and the verdict on it from the autopilots' own logs."""
+"""A salvo of commands with short deadlines, judged by the autopilots' own logs."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ TTL_S = 0.6
 LIMIT_S = 3.0
 PACE_S = 0.03
 FAST, SLOW = 1000, -1000
-"""Rates of clocks in millionths: the ends of what the bound allows."""
+"""Clock rates in millionths, at both ends of the allowed range."""
 
 
 @dataclass
 class Sent:
-    """A command that was sent: when at the latest it may be executed, and what became of it.
+    """A command that was sent: the latest time at which it may be executed, and its outcome.
 
     `late_ms`: the drone's own word that its clock read past the deadline after the write.
     """
@@ -38,7 +38,7 @@ class Sent:
 
 @dataclass
 class Salvo:
-    """The commands of one test, by the longitudes that tell them apart in the autopilots' logs."""
+    """The commands of one test; the autopilots' logs tell them apart by their `x`, a latitude."""
 
     system: System
     next_x: int
@@ -67,13 +67,13 @@ class Salvo:
         self.sent.append(command)
         async for outcome in said:
             command.words.append(outcome.word)
-            command.last_words += outcome.is_last  # the truth that settles an `unconfirmed` is none
+            command.last_words += outcome.is_last  # the truth that settles an `unconfirmed` is no last word
             command.late_ms = command.late_ms or outcome.late_ms
             if outcome.word is Word.EXPIRED and time.time_ns() < command.latest_ns:
                 command.refused_in_time = True
 
     def verdict(self, what: str) -> Counter[str]:
-        """Asserts that none was late, twice, elsewhere, or without exactly one last word; returns the counts."""
+        """Assert that none ran late, twice or elsewhere, and each has exactly one last word; returns the counts."""
         wrong = [command for command in self.sent if command.last_words != 1]
         assert not wrong, f"not one last word: {wrong}"
         latest = {(command.drone, command.x): command.latest_ns for command in self.sent}
@@ -107,7 +107,7 @@ class Salvo:
 
 
 def station(url: str) -> GroundStation:
-    """A ground station whose clock is too fast."""
+    """A ground station whose clock is fast by FAST."""
     start_ns = system_clock_ns()
     clock = SessionClock(lambda: start_ns + (system_clock_ns() - start_ns) * (1_000_000 + FAST) // 1_000_000)
     return GroundStation(url, clock=clock)
@@ -118,7 +118,7 @@ async def all_reachable(fog: Any) -> None:
 
 
 async def aloft(system: System, fog: Any) -> Salvo:
-    """Both drones in the air; commands fly them to places a centimetre apart."""
+    """Fly both drones up; the salvo's commands send them to places a centimetre apart."""
     await all_reachable(fog)
     await asyncio.gather(*(_fly_up(fog.drone(drone)) for drone in (1, 2)))
     home = system.control(1, {"get": "state"})

@@ -17,11 +17,11 @@ from tests.rigs.processes import Program, free_port, listens, wait_until
 from tests.tools.node_programs import MOSQUITTO
 
 WITNESS = "gs-witness"
-"""Has no rights; a test lets it publish and hear everything, to see what is delivered."""
+"""A node without rights; a test lets it publish and receive everything, to see what is delivered."""
 
 
 class SecureBroker(Program):
-    """Mosquitto with the configuration of a broker's identity, which may be changed before it starts."""
+    """Mosquitto with the configuration of a broker's identity, which a test may change before the start."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class SecureBroker(Program):
         return BrokerAddress(self.host, self.port, tls=True)
 
     def let_witness(self) -> None:
-        """One more entry in the access list, after all that the list has."""
+        """Append an entry for the witness to the access list."""
         path = self.out / ACCESS_FILE
         path.write_text(f"{path.read_text()}\nuser {WITNESS}\ntopic readwrite #\ntopic read $SYS/#\n")
 
@@ -60,7 +60,7 @@ class SecureBroker(Program):
 
 
 class Node:
-    """A plain MQTT client with a node's identity; raises ConnectionError where the broker does not accept it."""
+    """A plain MQTT client with a node's identity. Raises ConnectionError if the broker does not accept it."""
 
     def __init__(self, identity: Identity, broker: SecureBroker) -> None:
         self.name = identity.name
@@ -86,17 +86,17 @@ class Node:
         self.subscribe("#")
 
     def subscribe(self, topic: str) -> None:
-        """Returns when granted; all that was to be delivered before has come then."""
+        """Subscribe, and return when that is granted; everything due before has been delivered by then."""
         _, mid = self._client.subscribe(topic, qos=1)
         assert mid is not None
         wait_until(lambda: mid in self._granted, f"{self.name}: SUBACK")
 
     def catch_up(self) -> None:
-        """Wait for a SUBACK, which comes behind everything that the broker had for this client."""
+        """Wait for a SUBACK, which follows everything that the broker had for this client."""
         self.subscribe("nothing/that/anybody/publishes")
 
     def publish(self, topics: list[str], payload: bytes) -> None:
-        """At QoS 1; returns when all are acknowledged, whether or not with a refusal, or the broker has hung up."""
+        """Publish at QoS 1; returns when all are acknowledged or refused, or the broker has disconnected."""
         mids = [self._client.publish(topic, payload, qos=1).mid for topic in topics]
         wait_until(lambda: self._is_ended or self._acknowledged.issuperset(mids), f"{self.name}: PUBACKs")
 

@@ -11,7 +11,7 @@ from tests.rigs.secure import SecureBroker
 
 
 class SecureSystem(OneDrone):
-    """Also the drone's own broker, a sensor that publishes there, and audit logs; `signed` readings too."""
+    """Adds the drone's own broker, a sensor that publishes there, and audit logs; `signed` covers readings, too."""
 
     def __init__(self, folder: Path, signed: bool = False, *of_the_drone: str, prefix: str = "") -> None:
         super().__init__(folder, SIGNED if signed else TLS, prefix=prefix)
@@ -37,7 +37,7 @@ class SecureSystem(OneDrone):
         return *super().processes, self.sensor
 
     def let_in(self) -> None:
-        """What was issued since is in the brokers' access lists."""
+        """Add identities issued since the start to the brokers' access lists."""
         for broker in self.brokers:
             assert isinstance(broker, SecureBroker)
             broker.files.write_access(broker.out)

@@ -13,7 +13,7 @@ from tests.rigs.processes import Broker, Process, Program
 
 
 class Served:
-    """`mqttxt gs page` as a process; `mqttxt` is the command that is typed, by default that of the repository."""
+    """`mqttxt gs page` as a process; `mqttxt` is the command, by default that of the repository."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class Served:
         wait_until(lambda: f"open {self.url}" in self.process.log.read_text(), f"{name} serves", 90)
 
     async def ask(self, **request: Any) -> dict[str, Any]:
-        """What the server answers to a request without a browser."""
+        """The server's answer to a request, made without a browser."""
         async with (
             aiohttp.ClientSession() as session,
             session.ws_connect(f"{self.url}live", origin=self.url.rstrip("/")) as socket,

@@ -14,7 +14,7 @@ from tests.rigs.shaped_nodes import FOLDER, PYTHON, READY_TIMEOUT_S, REPOSITORY,
 
 FIRST_SUBNET = 128 + os.getpid() % 60 * 2
 SUBNETS = {"gs": f"198.19.{FIRST_SUBNET}", "cloud": f"198.19.{FIRST_SUBNET + 1}"}
-"""Two of this process's own: others may run the same tests on the same machine."""
+"""Two subnets for this process alone: others may run the same tests on the same machine."""
 UP, DOWN = "wan:gs:up", "wan:gs:down"
 PROBE = f"{REPOSITORY}/tests/rigs/link_probe.py"
 LINKS = f"{FOLDER}/links"
@@ -23,12 +23,12 @@ AS_NEW = (
     "while ip rule del priority 100 2>/dev/null; do :; done;"
     " for tool in iptables iptables-legacy; do $tool -P FORWARD ACCEPT; $tool -F; $tool -X; done 2>/dev/null; true"
 )
-"""What an earlier run left in a container that outlives it."""
+"""Removes what an earlier run left in a container that outlives it."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A datagram that arrived; `sound` where none of its bits was turned."""
+    """A datagram that arrived; `sound` if none of its bits was flipped."""
 
     number: int
     sent_ns: int
@@ -47,7 +47,7 @@ class ShapedLink(ShapedNodes):
         super().__init__("shaped", SUBNETS, "gs-cloud")
 
     def shape(self, plan: object, counters: str = f"{FOLDER}/counters.json", **options: Any) -> tuple[int, str]:
-        """Exit code and words of an emulator that is expected to end by itself."""
+        """Run an emulator that is expected to end of its own accord; returns its exit code and output."""
         self.write_plan(plan)
         done = self.nodes["net"].exec_run(self.shape_command(counters), environment=self.environment, **options)
         return done.exit_code, done.output.decode()
@@ -56,28 +56,28 @@ class ShapedLink(ShapedNodes):
     def shaping(
         self, up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = (), down: Mapping[str, Any] | None = None
     ) -> Iterator[Emulator]:
-        """The emulator at work on the way `up`; without `down` the way back is free."""
+        """Run the emulator on the direction `up`; without `down` the other direction is unshaped."""
         self.write_plan(plan_of(up, events, down))
         yield from self._running(self.shape_command())
 
     @contextmanager
     def routing(self, plan: Mapping[str, Any], **run: Any) -> Iterator[Emulator]:
-        """The whole of `net` at work on a run's plan: routes, captures, and shapes from its emulator's process."""
+        """Run all of `net` on a run's plan: it routes, captures, and shapes in its emulator's process."""
         self.write_run(plan, **run)
         yield from self._running(self.route_command())
 
     def route(self, plan: object, run: Mapping[str, Any] | None = None, **options: Any) -> tuple[int, str]:
-        """Exit code and words of a `net route` that is expected to end by itself."""
+        """Run a `net route` that is expected to end of its own accord; returns its exit code and output."""
         self.write_run(plan, **(run or {}))
         return self.net(self.route_command(), **options)
 
     def net(self, command: Sequence[str], **options: Any) -> tuple[int, str]:
-        """Exit code and words of a command in `net`."""
+        """Run a command in `net`; returns its exit code and output."""
         done = self.nodes["net"].exec_run(list(command), environment=self.environment, **options)
         return done.exit_code, done.output.decode()
 
     def write_run(self, plan: object, **run: Any) -> None:
-        """A run's folder of links with nothing but its plan, beside one for positions."""
+        """Make a run's folder of links with nothing but its plan, and one for positions."""
         self.output("net", ["sh", "-c", AS_NEW])
         folders = f"rm -rf {FOLDER} && mkdir -m 777 -p {LINKS} {FOLDER}/sitl"
         text = json.dumps({"version": 1, "shaper": "auto", "always": False, "gates": [], **run, "plan": plan})
@@ -116,7 +116,7 @@ class Emulator:
         self._pid = self._link.output("net", ["cat", f"{FOLDER}/pid"]).strip()
 
     def flow(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
-        """Send datagrams from gs to cloud, in packets of `size` bytes; those that arrived, as they came."""
+        """Send datagrams from gs to cloud, in packets of `size` bytes; returns those that arrived, in that order."""
         return self._flow("gs", "cloud", count, rate_hz, size, silence_s)
 
     def flow_back(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
@@ -124,7 +124,7 @@ class Emulator:
         return self._flow("cloud", "gs", count, rate_hz, size, silence_s)
 
     def send(self, count: int, rate_hz: float, size: int) -> None:
-        """Send from gs to cloud, whatever becomes of it."""
+        """Send from gs to cloud without receiving there."""
         self._send("gs", "cloud", count, rate_hz, size)
 
     def _flow(self, source: str, to: str, count: int, rate_hz: float, size: int, silence_s: float) -> list[Row]:
@@ -144,7 +144,7 @@ class Emulator:
         self._link.output("net", ["sh", "-c", f"kill -{name} {self._pid}"])
 
     def kill_emulator(self) -> None:
-        """Where `net route` runs: the process that shapes for it, without a warning."""
+        """Kill the process that shapes for a running `net route`, without a warning."""
         children = f"$(cat /proc/{self._pid}/task/*/children)"
         find = f"for pid in {children}; do grep -qa shape /proc/$pid/cmdline && echo $pid; done"
         (pid,) = self._link.output("net", ["sh", "-c", f"{find}; true"]).split()
@@ -156,26 +156,26 @@ class Emulator:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def end(self) -> dict[str, Any]:
-        """End it, and what it counted; again is harmless."""
+        """End it and return its counters; may be called again."""
         if not self._test("-e", f"../../proc/{self._pid}"):
             self.signal("TERM")
         self.wait_until_ended()
         return self.counters()
 
     def wait_until_ended(self) -> None:
-        """Until the process is gone."""
+        """Wait until the process has ended."""
         deadline = time.monotonic() + READY_TIMEOUT_S
         while not self._test("-e", f"../../proc/{self._pid}"):
             assert time.monotonic() < deadline, "it does not end"
             time.sleep(0.05)
 
     def counters(self) -> dict[str, Any]:
-        """The file as it is."""
+        """The counters in their file at present."""
         content: dict[str, Any] = json.loads(self.read("counters.json"))
         return content
 
     def read(self, name: str) -> str:
-        """A file of the folder of links, or of the emulator alone."""
+        """The text of a file in the folder of links, else in the emulator's own folder."""
         return self._link.output("net", ["sh", "-c", f"cat {LINKS}/{name} 2>/dev/null || cat {FOLDER}/{name}"])
 
     def _test(self, operator: str, name: str) -> int:

@@ -1,4 +1,4 @@
-"""Nodes and `net` between them, in containers with compose.yaml's rights: what shapes real packets in tests."""
+"""Nodes and `net` between them, in containers with compose.yaml's rights: tests shape real packets there."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ShapedNodes:
         self.nodes: dict[str, Any] = {}
 
     def up(self) -> Self:
-        """Start the containers; what one is told comes from compose.yaml's `node` and `net`."""
+        """Start the containers, with the settings of compose.yaml's `node` and `net`."""
         for node, subnet in self._subnets.items():
             pool = IPAMPool(subnet=f"{subnet}.0/24")
             ipam = IPAMConfig(pool_configs=[pool])
@@ -69,13 +69,13 @@ class ShapedNodes:
         self._client.close()
 
     def output(self, node: str, command: Sequence[str], **options: Any) -> str:
-        """What a command that has to succeed prints."""
+        """Run a command that has to succeed, and return its output."""
         code, said = self.nodes[node].exec_run(list(command), **options)
         assert code == 0, f"{node}: {' '.join(command)}: {said.decode()}"
         return str(said.decode())
 
     def write_plan(self, plan: object) -> None:
-        """A plan of links for `shape_command`."""
+        """Write a plan of links for `shape_command`."""
         text = json.dumps(plan)
         self.output("net", ["sh", "-c", f'mkdir -p {FOLDER} && printf %s "$1" > {FOLDER}/plan.json', "sh", text])
 
@@ -86,12 +86,12 @@ class ShapedNodes:
 
     @property
     def environment(self) -> dict[str, str]:
-        """What `net` is told of the network."""
+        """The environment variables that describe the network to `net`."""
         nodes = " ".join(f"{node}={subnet}.2,{subnet}.3" for node, subnet in self._subnets.items())
         return {"NODES": nodes, "LINKS": self._links}
 
     def _create(self, name: str, node: str, last: int, **options: Any) -> None:
-        """A container in a node's network, at the address that ends in `last`."""
+        """Create a container in a node's network, at the address that ends in `last`."""
         network = self._networks[node]
         place = {network.name: self._client.api.create_endpoint_config(ipv4_address=f"{self._subnets[node]}.{last}")}
         self.nodes[name] = self._client.containers.create(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 class SmallDisk:
-    """A disk of 128 KiB: a file system in memory where this user may mount one, else a limit of each file's size."""
+    """A disk of 128 KiB: a file system in memory if this user may mount one, else a limit on each file's size."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -21,7 +21,7 @@ class SmallDisk:
         self._limits = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def fill(self, to_the_brim: bool = False) -> None:
-        """Leave no room; `to_the_brim` not even in the files that are there, where each has a limit of its own."""
+        """Leave no room. Without a mount, smaller files can grow to the largest one's size, unless `to_the_brim`."""
         if not self.is_mounted:
             largest = 0 if to_the_brim else max((f.stat().st_size for f in self.folder.iterdir()), default=0)
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest, self._limits[1]))

@@ -1,4 +1,4 @@
-"""A fog with two brokers, or two ways to one, as real processes: drone 1 reaches it over two links that can fail."""
+"""A fog with two brokers, or two links to one, as real processes: drone 1 reaches it over two links that can fail."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tests.rigs.one_drone import OneDrone
 
 
 class TwoLinkSystem(OneDrone):
-    """A second broker of the fog, and drone 1 that reaches it over two links; `mode` is "", TLS or SIGNED.
+    """A fog with a second broker, and drone 1, which reaches it over two links; `mode` is "", TLS or SIGNED.
 
-    With `one_broker` both links lead to the fog's broker. `second_of` is the fleet of the second broker, where it is
-    another than the nodes'. `knows_second`: whether the activator is connected to it; `has_second`: whether it starts
-    with the others. `ppm`: the drone's clock. Without `two_links` the drone has the first alone.
+    With `one_broker` both links lead to the fog's first broker. `second_of` is the second broker's fleet, if it differs
+    from the nodes'. `knows_second`: whether the activator connects to that broker; `has_second`: whether it starts
+    with the others. `ppm`: the rate of the drone's clock. Without `two_links` the drone has only the first link.
     """
 
     def __init__(
@@ -60,26 +60,26 @@ class TwoLinkSystem(OneDrone):
             await link.close()
 
     def connections(self, number: int) -> int:
-        """How often the drone's client has connected over its first or second link."""
+        """How often the UAV client has connected over link `number`, 1 or 2."""
         return self.uav.said().count(f"fog: connected to {self.url(self.links[number - 1].port)}")
 
     async def connected_again(self, number: int, before: int) -> None:
         await eventually(lambda: self.connections(number) > before, f"link {number} is up again")
 
     def in_use(self) -> int:
-        """Which link the drone's client has last taken for the better."""
+        """The link that the UAV client prefers at present, 1 or 2."""
         _, taken, rest = self.uav.said().rpartition("fog: over ")
         return 2 if taken and rest.startswith(self.url(self.links[1].port)) else 1
 
     def turns(self) -> list[str]:
-        """What the autopilot did: armed and disarmed, in order."""
+        """The autopilot's events `armed` and `disarmed`, in order."""
         lines = (self.folder / "sitl.jsonl").read_text().splitlines()
         events = [json.loads(line)["event"] for line in lines if line.endswith("}")]
         return [event for event in events if event in ("armed", "disarmed")]
 
 
 class Watch:
-    """What a station hears of drones that are gone, and how often each command had a last word."""
+    """Records what a station receives: losses of drones, and how many last words each command had."""
 
     def __init__(self, station: GroundStation) -> None:
         self.losses: list[Reachability] = []

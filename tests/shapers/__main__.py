@@ -26,7 +26,7 @@ def main(page: Path) -> int:
 
 
 def write(page: Path, chosen: list[Round], kernel: Mapping[str, Any], emulator: Mapping[str, Any]) -> int:
-    """The exit code: 1 where something is apart."""
+    """Write the table into a page; returns the exit code, 1 if a row does not agree."""
     rows = [row for found in compare(chosen, kernel, emulator).values() for row in found]
     text = page.read_text(encoding="utf-8")
     before, _, rest = text.partition(BEGIN)
@@ -39,7 +39,7 @@ def write(page: Path, chosen: list[Round], kernel: Mapping[str, Any], emulator: 
 
 
 def table_of(rows: list[Row]) -> str:
-    """A feature is named in the first of its rows."""
+    """The table in Markdown; a feature is named in the first of its rows."""
     cells, last = [], ""
     for row in rows:
         feature, last = ("" if row.feature == last else row.feature), row.feature

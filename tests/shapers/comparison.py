@@ -1,4 +1,4 @@
-"""What is compared: for every flow its statistics over the kernel's links and over the emulator's, and how close."""
+"""The comparison: each flow's statistics over the kernel's links and the emulator's, and how close they have to be."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .statistics import beyond, ks_distance, ks_limit, mean_limit, overtaken, sh
 
 BEYOND = 1.5
 LATE_MS = 0.25
-"""What a program of Python's adds to a delay in the virtual machine, where an instruction takes a nanosecond."""
+"""The delay that a Python program adds in the virtual machine, where an instruction takes a nanosecond."""
 
 
 SENDING_MS = 2.0
-"""What a burst takes to be sent: its frames do not begin to wait all at once."""
+"""The time to send a burst: its frames do not begin to wait all at once."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A statistic of both; `difference` is at most `tolerance` where they agree."""
+    """A statistic of both shapers; they agree if `difference` is at most `tolerance`."""
 
     feature: str
     statistic: str
@@ -44,7 +44,7 @@ class Row:
 
 
 class Came:
-    """What came of a flow over one shaper's links."""
+    """A flow's arrivals over one shaper's links."""
 
     def __init__(self, flow: Flow, data: Mapping[str, Any], counted: Mapping[str, Any] | None) -> None:
         self.flow = flow
@@ -57,12 +57,12 @@ class Came:
 
     @property
     def missing(self) -> float:
-        """The share of datagrams of which none came."""
+        """The share of datagrams that did not arrive."""
         return 1 - len(set(self.numbers)) / self.sent
 
     @property
     def doubled(self) -> float:
-        """The share of datagrams that came twice, of those that came."""
+        """The share of the arrived datagrams that arrived twice."""
         counted = Counter(self.numbers)
         return sum(count == 2 for count in counted.values()) / len(counted)
 
@@ -79,12 +79,12 @@ class Came:
 
 
 Pair = tuple[Came, Came]
-"""The kernel's and the emulator's."""
+"""The kernel's arrivals and the emulator's."""
 Compare = Callable[[str, Mapping[str, Pair]], Iterator[Row]]
 
 
 def compare(chosen: Sequence[Round], kernel: Mapping[str, Any], emulator: Mapping[str, Any]) -> dict[str, list[Row]]:
-    """The rows of every feature, of both machines' results."""
+    """The rows of every feature, from both machines' results."""
     came: dict[str, Pair] = {}
     for each, one, other in zip(chosen, kernel["rounds"], emulator["rounds"], strict=True):
         for flow, by_kernel, by_emulator in zip(each.flows, one["flows"], other["flows"], strict=True):
@@ -97,7 +97,7 @@ def compare(chosen: Sequence[Round], kernel: Mapping[str, Any], emulator: Mappin
 
 
 def features(chosen: Sequence[Round]) -> list[str]:
-    """What is compared: the flows' names, without those that only belong to another."""
+    """The names of the compared flows, without those that only accompany another."""
     return [flow.name for each in chosen for flow in each.flows if flow.name not in ACCOMPANY]
 
 
@@ -111,7 +111,7 @@ def _close(feature: str, statistic: str, pair: tuple[float, float], tolerance: f
 
 
 def _share(feature: str, statistic: str, shares: tuple[float, float], sizes: tuple[int, int], spread: float = 1) -> Row:
-    """`spread`: how many times wider than independent draws they spread."""
+    """A row of two shares; `spread`: how many times wider than independent draws they spread."""
     pooled = (shares[0] * sizes[0] + shares[1] * sizes[1]) / sum(sizes)
     limit = share_limit(pooled, *sizes) * spread
     return _close(feature, statistic, (100 * shares[0], 100 * shares[1]), 100 * limit, "%")
@@ -209,7 +209,7 @@ def _all(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
 
 
 def _overload(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
-    """A full queue's delay is known to a frame, half of which is as good as none."""
+    """A full queue's delay is known to within a frame: half a frame of difference counts as none."""
     pair = came[name]
     yield _rate(name, pair, 0.005)
     yield _queue_drops(name, pair)
@@ -223,7 +223,7 @@ def _burst(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
 
 
 def _rate_and_loss(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
-    """What is lost has used the rate."""
+    """Lost frames have used the rate."""
     pair = came[name]
     yield _rate(name, pair, share_limit(0.2, *(len(each.numbers) for each in pair)) / 0.8)
     yield _queue_drops(name, pair)
@@ -256,28 +256,28 @@ def _later(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
 
 
 def _shared(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
-    """Once the queues are full, and before they empty."""
+    """Compare rates while the queues are full."""
     ups, downs = ([each.bits_between(3_000_000, 19_000_000) / 16_000 for each in came[one]] for one in SHARING[name])
     yield _close(name, "rate, both ways", (ups[0] + downs[0], ups[1] + downs[1]), 0.02 * 64, "kbit/s")
     yield _close(name, "rate up", (ups[0], ups[1]), 0.05 * 64, "kbit/s")
 
 
 def _quiet(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
-    """The kernel's first full frame goes ahead of its time, so that its links differ by half of one in the mean."""
+    """The kernel sends its first full frame ahead of time, so that its links differ by half a frame in the mean."""
     pair = came[name]
     yield _ks(name, pair)
     yield _mean(name, pair, 1000 * 8 / 64 / 2)
 
 
 def _profile(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
-    """Over three links."""
+    """Compare delays and losses over three links."""
     yield _ks(name, came[name], 3 * LATE_MS)
     yield _mean(name, came[name], 3 * LATE_MS)
     yield _lost(name, came[name])
 
 
 EVENT_FRAMES = 2
-"""By how many frames the two moments of an event may differ, 10 ms or more apart."""
+"""By how many frames, 10 ms or more apart, the two instants of an event may differ."""
 SHARING = {
     "shared, equal frames": ("shared, equal frames", "equal down"),
     "shared, large and small": ("shared, large and small", "small down"),

@@ -1,13 +1,13 @@
 #!/usr/bin/python3
-"""What runs in the virtual machine, as its first process: the nodes, a shaper, datagrams over its links.
+"""The first process of the virtual machine: it runs the nodes, a shaper, and datagrams over the shaper's links.
 
 Reads /job.json, {"nodes": {NAME: [net's address, the node's]}, "links": [[NODE, NODE]…], "shaper": "netem" | "nfqueue",
 "rounds": [{"plan", "kernel", "flows"}…]}, and writes the rounds' results as JSON to the machine's second console.
 
 Every node is a network namespace with a cable to this one, which is `net`. A flow is {"source", "destination", "size",
-"count", "every_us", "start_us"}: so many datagrams, whose IP packets have `size` bytes, each so long after the one
-before. Its result is what was sent and a row for each datagram that came: number, when it was sent and when it came in
-us since the round began, and whether all its bits are as they were.
+"count", "every_us", "start_us"}: `count` datagrams, `every_us` apart, whose IP packets have `size` bytes. Its result is
+the number sent and a row for each datagram that arrived: number, times of sending and arrival in us since the round
+began, and whether all its bits are intact.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ READY_TIMEOUT_S = 60.0
 RESULTS = "/dev/vport0p1"
 FAILED = 255
 COUNT_EVERY_S = 1000.0
-"""netem's driver starts a process for it, which the machine takes long to carry out; it counts at the end as well."""
+"""netem's driver starts a process to count, which takes long in the machine; it counts at the end as well."""
 
 
 def main() -> None:
-    """Do the job in a process of its own, whose last words are on the console, and switch the machine off."""
+    """Do the job in a process of its own, whose errors are printed to the console, and switch the machine off."""
     for kind, place in (
         ("proc", "/proc"),
         ("sysfs", "/sys"),
@@ -104,7 +104,7 @@ def run(job: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 class Nodes:
-    """Namespaces with cables to this one; `inside` enters one."""
+    """Namespaces with cables to this one; `socket` makes a socket in one."""
 
     def __init__(self, nodes: dict[str, list[str]], links: list[list[str]]) -> None:
         from net.hops import route_by_hops
@@ -139,7 +139,7 @@ class Nodes:
         self._here = os.open("/proc/self/ns/net", os.O_RDONLY)
 
     def socket(self, name: str) -> socket.socket:
-        """A UDP socket of that node's."""
+        """A UDP socket in a node's namespace."""
         there = os.open(f"/run/netns/{name}", os.O_RDONLY)
         os.setns(there, os.CLONE_NEWNET)
         os.close(there)
@@ -150,7 +150,7 @@ class Nodes:
 
 
 class Flows:
-    """Sends and receives everything of a round."""
+    """Sends and receives all datagrams of a round."""
 
     def __init__(self, nodes: Nodes, flows: list[dict[str, Any]]) -> None:
         self._flows = flows
@@ -211,7 +211,7 @@ class Flows:
         number, come = self._in[descriptor]
         try:
             data, extra, _, _ = come.recvmsg(65536, 64)
-        except BlockingIOError:  # a turned bit gave it a checksum, which is wrong
+        except BlockingIOError:  # a flipped bit gave it a checksum, which is wrong
             return
         seconds, nanoseconds = struct.unpack("=qq", extra[0][2])
         came_ns = seconds * 1_000_000_000 + nanoseconds - wall_ns
@@ -223,7 +223,7 @@ class Flows:
 
 
 class Shaper:
-    """What shapes, in a process of its own and ahead of all others; `end` returns what it counted."""
+    """A shaper in a process of its own, with priority over all others; `end` returns its counters."""
 
     def __init__(self, nodes: Nodes) -> None:
         self._nodes = nodes
@@ -265,7 +265,7 @@ class Shaper:
 
 
 class Netem(Shaper):
-    """The plan's commands, read back once they are carried out, and changed at their times."""
+    """Carries out the plan's commands, reads the links back, and changes them at the events' times."""
 
     def shape(self, plan: Any, kernel: Any, ready: Path) -> None:
         from net.emulator.plan import parse_plan

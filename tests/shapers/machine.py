@@ -1,8 +1,8 @@
 """Boots the virtual machine that `make tools` made, with a job, and returns what the job wrote.
 
-The machine has no clock of the host's: QEMU's -icount counts one nanosecond for an instruction, and while the machine
-waits for a timer its time jumps there. So a busy computer makes nothing in it slower, and a minute of waiting takes no
-time. Two runs still differ, in when a datagram is sent by up to a millisecond.
+The machine does not use the host's clock: QEMU's -icount counts one nanosecond per instruction, and while the machine
+waits for a timer, its time jumps ahead to it. So a busy host slows nothing down in it, and a minute of waiting takes no
+time. Two runs still differ by up to a millisecond in when a datagram is sent.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Machine:
         )
 
     def result(self, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-        """Raises MachineError."""
+        """Wait for the result of the job. Raises MachineError."""
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:

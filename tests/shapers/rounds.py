@@ -1,4 +1,4 @@
-"""What is sent over which links: rounds of flows that both shapers get, each with its plan.
+"""The rounds of flows that both shapers get, each with its plan of links.
 
 Flows that need many datagrams far apart run side by side on links of their own; a round of waiting costs the virtual
 machine nothing. Where a delay is to be a sample of its distribution, datagrams are further apart than jitter lasts.
@@ -24,10 +24,10 @@ SMALL, LARGE = 114, 1014
 """Bytes of Ethernet frames."""
 ETHERNET_BYTES = 14
 SAMPLE = 1500
-"""Delays to compare a distribution by: two samples of that size differ by a Kolmogorov-Smirnov distance of 0.09 once in
-100,000 pairs."""
+"""The number of delays that represent a distribution: two samples of that size differ by a Kolmogorov-Smirnov distance
+of 0.09 once in 100,000 pairs."""
 APART_US = 101_300
-"""More than two of the emulator's slots of 4 ms jitter: each delay is drawn by itself."""
+"""More than two of the emulator's slots of 4 ms jitter: each delay is drawn independently."""
 PROFILE_SAMPLE, PROFILE_APART_US = 200, 1_100_000
 
 
@@ -46,7 +46,7 @@ class Flow:
 
 @dataclass(frozen=True)
 class Round:
-    """A plan and what is sent under it."""
+    """A plan, and the flows that are sent under it."""
 
     name: str
     plan: LinksPlan
@@ -70,7 +70,7 @@ def topology() -> Topology:
 
 
 def rounds() -> list[Round]:
-    """All, in the order in which they are run."""
+    """All rounds, in the order in which they are run."""
     return [
         *_of_features("jitter", JITTER),
         *_of_features("chance", CHANCE),
@@ -122,7 +122,7 @@ SHARED = LinkPlan(rate_bps=64_000, queue_packets=30)
 
 
 def _of_features(name: str, features: Sequence[Feature]) -> list[Round]:
-    """Each on a link of its own, both ways of every link in use; as many rounds as that takes."""
+    """Rounds in which each feature has a direction of a link for itself; as many as that takes."""
     ways = [(f"{link.name}:{way}", ends) for link in topology().links for way, ends in _ends(link.lower, link.upper)]
     found = []
     for first in range(0, len(features), len(ways)):
@@ -195,7 +195,7 @@ def _profile(name: str) -> Round:
 
 
 def job(shaper: str, chosen: Sequence[Round]) -> dict[str, Any]:
-    """What the machine is told."""
+    """The job for the machine."""
     there = topology()
     return {
         "nodes": {node.name: [node.address.rpartition(".")[0] + ".2", node.address] for node in there.nodes},

@@ -22,7 +22,7 @@ from tests.simulation.verdicts import Judge
 
 @dataclass(frozen=True)
 class Dangers:
-    """What an adversary may do; every chance is of one message or one process."""
+    """The means of an adversary; each probability is per message or per process."""
 
     latencies_us: tuple[tuple[int, int], ...] = ((0, 1000), (3 * MS, 40 * MS), (10 * MS, 600 * MS))
     loses: float = 0.05
@@ -37,17 +37,17 @@ class Dangers:
     pausing: str = ""
     dies_between: float = 0.0002
     mute: float = 0.05
-    """The chance that an autopilot does what it was told and says nothing."""
+    """The probability that an autopilot executes a command without an acknowledgement."""
     ppm: tuple[int, ...] = (-RHO_PPM, RHO_PPM, 0, -137, 512)
     drifts_per_s: float = 0.2
     slow_drones: bool = False
-    """Drones' clocks are as slow, all others as fast as they can be: where margins are needed most."""
+    """Whether drones' clocks are as slow, and all others as fast, as they can be: there margins are needed most."""
     ttls_ms: tuple[int, ...] = (200, 600, 600, 1500, 5000, 10_000)
     commands_per_s: float = 10
     selects: float = 0.05
     looks_before_the_write: bool = True
     shows_retained: bool = True
-    """Whether the cloud broker shows newcomers what it retains."""
+    """Whether the cloud broker delivers retained messages to new subscribers."""
 
 
 CALM = Dangers(
@@ -65,7 +65,7 @@ CALM = Dangers(
 
 
 class Simulation:
-    """One history: `live` with dangers, then `calm` until everything that was sent must be closed."""
+    """One history: `live` runs it under dangers, then in calm weather until every command must be closed."""
 
     def __init__(self, seed: int, dangers: Dangers | None = None, qos: int = 1, bundles: bool = False) -> None:
         self.rng = Random(seed)
@@ -98,7 +98,7 @@ class Simulation:
         return ActivatorNode(self, "activator")
 
     def seal(self, name: str) -> Seal | None:
-        """What a node signs with; None: messages are not signed."""
+        """A node's seal; None: messages are not signed."""
         return None
 
     def ppm(self, name: str) -> int:
@@ -136,7 +136,7 @@ class Simulation:
         self.weather.aims = lambda publish: self.judge.aim(publish, self.rng, self.dangers.aims)
 
     def _endanger(self) -> None:
-        """What befalls processes, brokers and connections in the next second."""
+        """Choose what befalls processes, brokers and connections in the next second."""
         rng, dangers = self.rng, self.dangers
         for node in self.nodes:
             if rng.random() < dangers.drifts_per_s:

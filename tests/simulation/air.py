@@ -1,4 +1,4 @@
-"""A fog whose drones come by datagrams: the real machines of both ends, between them a network that loses datagrams."""
+"""A fog whose drones connect by datagrams: the real state machines of both ends, with a lossy network between them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MACHINE = Weather.__dataclass_fields__["latency_us"].default
 
 @dataclass
 class Air:
-    """What becomes of datagrams, both ways; chances are of one datagram."""
+    """The fate of datagrams in both directions; probabilities are per datagram."""
 
     loses: float = 0.1
     repeats: float = 0.05
@@ -43,7 +43,7 @@ class Air:
 
 
 class Alarm:
-    """Calls a machine when it has something to do, and its process does not stand still."""
+    """Calls a state machine when it is due and its process is not stalled."""
 
     def __init__(
         self, sim: AirSimulation, due_s: Callable[[], float], tick: Callable[[], None], stands_us: Callable[[], int]
@@ -66,7 +66,7 @@ class Alarm:
 
 @dataclass(eq=False)
 class AirLink:
-    """A drone's connection, as `Connection` is one; `up` and `down` are there to be stalled."""
+    """A drone's connection with the interface of `Connection`; `up` and `down` exist only to be stalled."""
 
     sim: AirSimulation
     node: AirDroneNode
@@ -101,12 +101,12 @@ class AirLink:
         self._do(lambda: self.machine.unsubscribe(unsubscribe.filters, self.sim.now_s))
 
     def close(self) -> None:
-        """The process, or its network, is gone: nobody takes leave."""
+        """Close without a DISCONNECT: the process, or its network, is gone."""
         self.is_closed = True
         self.sim.ports.pop(self.port, None)
 
     def receive(self, datagram: bytes) -> None:
-        """A process that stands still finds its datagrams when it goes on."""
+        """Receive a datagram; a stalled process reads it when it continues."""
         wait_us = max(self.node.stalled_until_us, self.down.stalled_until_us)
         if self.sim.events.now_us < wait_us:
             self.sim.events.at(wait_us, self.receive, datagram)
@@ -142,14 +142,14 @@ class AirLink:
 
 
 class AirDroneNode(DroneNode):
-    """A UAV client on a connection by datagrams."""
+    """A UAV client that is connected by datagrams."""
 
     @property
     def client_id(self) -> str:
         return f"{self.name}-{self.clock.session:08x}"
 
     def connect(self, link: str) -> None:
-        """Begin; the role hears of it with the CONNACK."""
+        """Begin to connect; the role is told at the CONNACK."""
         if link not in self.links:
             self._opening = AirLink(self.sim, self, self.role.will())  # type: ignore[arg-type]
             self._soon(5 * S, self._give_up, self._opening)
@@ -220,7 +220,7 @@ class _ToBroker(Client):
         client.on_opened(0 if self.connection is not None else CONGESTION, self.sim.now_s)
         self.sim.alarm.arm()
 
-    # What the broker says; there it is the process of the activator that stands still.
+    # Calls from the broker; on that side it is the activator's process that is stalled.
 
     def received(self, link: str, message: Inbound, read_us: int) -> None:
         self._client().on_message(message, self.sim.now_s)
@@ -250,7 +250,7 @@ class AirSimulation(Simulation):
         super().__init__(seed, dangers, qos)
 
     def make_broker(self) -> Broker:
-        """The machines of the activator's side are made with the brokers, before the drones."""
+        """Make the activator's state machines along with the brokers, before the drones."""
         self.machine = Weather(self.rng)
         self.gateway = Gateway(TopicIds(), self._to_drone, lambda client: _ToBroker(self, client), self._count)
         self.alarm = Alarm(
@@ -267,12 +267,12 @@ class AirSimulation(Simulation):
         return self.events.now_us / S
 
     def port(self, name: str) -> Port:
-        """A sender's address that nobody has had."""
+        """A sender's address that was not used before."""
         self._ports += 1
         return name, self._ports
 
     def carry(self, delay_us: int, arrive: Callable[[], None]) -> None:
-        """A datagram sets out."""
+        """Send a datagram on its way: it may be lost, repeated or delayed."""
         air, rng = self.air, self.rng
         air.carried += 1
         if rng.random() < air.loses:

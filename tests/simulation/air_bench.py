@@ -1,4 +1,4 @@
-"""Both ends of the air leg by themselves, at a time of the test's: which datagrams pass is the test's to say."""
+"""Both ends of the air leg alone: the test sets the time and decides which datagrams pass."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Port = tuple[str, int]
 
 @dataclass
 class BrokerSide:
-    """The broker's side of a client; it grants and acknowledges at once, unless told otherwise."""
+    """The broker's side of a client; it grants and acknowledges at once, unless a test changes that."""
 
     client: Callable[[], AirClient]
     bench: AirBench
@@ -32,7 +32,7 @@ class BrokerSide:
     published: list[Told] = field(default_factory=list)
     subscribed: list[tuple[str, bool]] = field(default_factory=list)
     closed: list[bool] = field(default_factory=list)
-    """Whether with the will, for each time that it was closed."""
+    """For each closing, whether it was with the will."""
     client_id: str = ""
 
     def open(self, client_id: str, will: Will | None) -> None:
@@ -58,7 +58,7 @@ class BrokerSide:
 
 
 class AirBench:
-    """A gateway, and clients at their ports. `lose` says of a datagram (to whom, packet) whether it is lost."""
+    """A gateway, and clients at their ports. `lose` decides by receiver and packet whether a datagram is lost."""
 
     def __init__(self) -> None:
         self.now_s = 100.0
@@ -80,14 +80,14 @@ class AirBench:
         )
 
     def client(self, port: int = 1, client_id: str = "drone1-a", will: Will | None = WILL) -> BenchClient:
-        """A UAV client that begins to connect."""
+        """Make a UAV client that begins to connect."""
         made = BenchClient(self, ("drone", port), client_id, will)
         self.clients[made.port] = made
         made.machine.connect(self.now_s)
         return made
 
     def up(self, port: int = 1, client_id: str = "drone1-a") -> BenchClient:
-        """A UAV client that is connected, and takes messages together."""
+        """Make a UAV client that is connected and accepts messages together."""
         client = self.client(port, client_id)
         assert client.codes == [0]
         assert client.machine.is_settled
@@ -104,7 +104,7 @@ class AirBench:
                     client.machine.tick(self.now_s)
 
     def says(self, packet: Packet, port: Port = ("stranger", 9)) -> list[Packet]:
-        """What the gateway answers to a packet from somewhere."""
+        """The gateway's answers to a packet from `port`."""
         before = len(self.sent)
         self.gateway.received(packets.encode(packet), port, self.now_s)
         return [sent for to, sent in self.sent[before:] if to == port]
@@ -128,7 +128,7 @@ class AirBench:
             self._carry(lambda: self.clients[address].machine.received(datagram, self.now_s))
 
     def _carry(self, arrive: Callable[[], None]) -> None:
-        """A datagram arrives when whoever sent it is done with what it was at."""
+        """Deliver a datagram after its sender has finished its present call."""
         self._carried.append(arrive)
         if self._is_carrying:
             return
@@ -147,7 +147,7 @@ class AirBench:
 
 
 class BenchClient:
-    """A UAV client's end, and what it heard."""
+    """A UAV client's end, and what it received."""
 
     def __init__(self, bench: AirBench, port: Port, client_id: str, will: Will | None) -> None:
         self.bench, self.port = bench, port
@@ -165,7 +165,7 @@ class BenchClient:
         self.machine.publish(Publish("fog", topic, payload, qos, retain), self.bench.now_s, done)
 
     def subscribe(self, *topics: str, live_only: bool = False) -> list[list[int]]:
-        """The codes, once they are there."""
+        """Subscribe; the returned list gets the codes once they have arrived."""
         found: list[list[int]] = []
         self.machine.subscribe(Subscribe("fog", topics, live_only), self.bench.now_s, found.append)
         return found

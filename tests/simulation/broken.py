@@ -1,4 +1,4 @@
-"""Roles with one rule of the signed mode taken away: what an adversary's test is worth, it shows by these.
+"""Roles with one rule of the signed mode taken away: a test by adversaries proves its worth by finding them.
 
 `python -m tests.simulation.broken VARIANT uav OPTIONS…` starts one as a process; `none` takes nothing away.
 """
@@ -25,7 +25,7 @@ from tests.simulation.nodes import StationNode
 
 
 class Found(Exception):
-    """The judge has found a violation of a kind."""
+    """The judge found a violation; the text has its kind."""
 
 
 class _Finder(SignedJudge):
@@ -67,7 +67,7 @@ class BrokenSimulation(HostileSimulation):
 
 
 def verifies_nothing(role: UavClient) -> None:
-    """It looks for the certificate of an expected signer, not at the signature."""
+    """It looks up an expected signer's certificate, but does not check the signature."""
     seal = _seal(role)
 
     def make(genuine: Any) -> Any:
@@ -86,7 +86,7 @@ def verifies_nothing(role: UavClient) -> None:
 
 
 def executes_again(role: UavClient) -> None:
-    """It knows no id any more once that has its last word."""
+    """It forgets an id once that has its last word."""
 
     def make(genuine: Any) -> Any:
         def examine(command_id: Any, *more: Any) -> Admission:
@@ -101,7 +101,7 @@ def executes_again(role: UavClient) -> None:
 
 
 def believes_the_topic(role: UavClient) -> None:
-    """What comes on its topic is for it, whichever drone it was signed for, in whichever session."""
+    """It takes every command on its topic, whichever drone and session that was signed for."""
     seal, own = _seal(role), role.session
 
     def make_open(genuine: Any) -> Any:
@@ -130,7 +130,7 @@ def believes_the_topic(role: UavClient) -> None:
 
 
 def believes_the_route(role: UavClient) -> None:
-    """It is told beside what was signed when a command is due, and goes by that."""
+    """It goes by the deadline beside the signed payload."""
 
     def make(genuine: Any) -> Any:
         def tightened(command: Any, route: Any) -> Any:
@@ -142,7 +142,7 @@ def believes_the_route(role: UavClient) -> None:
 
 
 def has_no_deadlines(role: UavClient) -> None:
-    """Whatever comes is due a minute from now, at its start and at each write."""
+    """It takes every command as due a minute from now, at its start and at each write."""
 
     def make(genuine: Any) -> Any:
         def on_command(command: Any, retained: bool, now_ms: int, *more: Any) -> Any:
@@ -184,12 +184,12 @@ def _seal(role: UavClient) -> Any:
 
 
 def _wrap(one: Any, name: str, make: Callable[[Any], Any]) -> None:
-    """Put `make(original)` in the place of a method of this one object, or class."""
+    """Replace a method of this one object, or class, by `make(original)`."""
     setattr(one, name, make(getattr(one, name)))
 
 
 def break_all(breaks: Callable[[UavClient], None]) -> None:
-    """Every UAV client that this process makes from now on."""
+    """Break every UAV client that this process makes from now on."""
 
     def make(genuine: Any) -> Any:
         def broken(role: UavClient, *arguments: Any, **options: Any) -> None:

@@ -37,14 +37,14 @@ def inbound(of: Reading, receipt: tuple[int, int] | None = (1, 1)) -> Inbound:
 
 
 def carried(effects: Iterable[Any]) -> list[int]:
-    """The sequence numbers of readings that go out to the fog, in their order."""
+    """The sequence numbers of the readings that are sent to the fog, in order."""
     found = [e for e in effects if isinstance(e, Publish) and e.link == LINK]
     return [decode(ReadingMessage, e.payload).seq for e in found]
 
 
 @dataclass
 class Way:
-    """One drone's way to the station. What is on a link when it breaks is lost; `stored` is what sensors were told."""
+    """One drone's way to the station. Messages on a link that breaks are lost; `stored` was acknowledged to sensors."""
 
     path: Path
     limit: int = 1000
@@ -59,7 +59,7 @@ class Way:
     logs: list[Log] = field(default_factory=list)
     listens: bool = True
     says_nobody: bool = True
-    """Whether the cloud broker says that nobody subscribes."""
+    """Whether the cloud broker reports that nobody subscribes."""
 
     def __post_init__(self) -> None:
         self.station = Readings()
@@ -75,12 +75,12 @@ class Way:
         self.to_drone.clear()
 
     def register(self) -> None:
-        """The station is registered while it listens."""
+        """Register the station, as long as it listens."""
         lease_s = 3600 if self.listens else 0
         self.leases.register(Registration(name="g", session=1, nonce=0, lease_s=lease_s), self.now_ms)
 
     def restart_drone(self) -> None:
-        """The client starts with what its store holds, and nothing else."""
+        """Restart the client with the contents of its store alone."""
         if self.store is not None:
             self.store.close()
         self.store = SensorStore(self.path, self.limit)
@@ -89,7 +89,7 @@ class Way:
         self.cut()
 
     def cut(self) -> None:
-        """The air link is gone, with what was on it."""
+        """Break the air link; messages on it are lost."""
         self.fog_is_up = False
         self.carrier.on_fog_down()
         self.to_fog.clear()
@@ -125,7 +125,7 @@ class Way:
                 assert effect.link == SENSORS
 
     def work(self) -> None:
-        """The store's turn."""
+        """Let the store carry out its batch."""
         assert self.store is not None
         batch, self.to_store = self.to_store, Batch()
         done: Done = self.store.carry_out(batch)
@@ -136,7 +136,7 @@ class Way:
             self.take(self.carrier.on_loaded(done.rows, batch.load.most, self.now_ms))
 
     def to_the_activator(self, most: int = 1000) -> None:
-        """Up to `most` publishes cross the air."""
+        """Let up to `most` publishes cross the air."""
         for _ in range(min(most, len(self.to_fog))):
             publish = self.to_fog.pop(0)
             self.take(self.carrier.on_published(publish.ref, 0, self.now_ms))  # type: ignore[arg-type]
@@ -147,7 +147,7 @@ class Way:
             )
 
     def to_the_station(self, most: int = 1000) -> None:
-        """Up to `most` readings reach the cloud broker, and the station if it listens."""
+        """Let up to `most` readings reach the cloud broker, and the station if it listens."""
         for _ in range(min(most, len(self.to_cloud))):
             publish = self.to_cloud.pop(0)
             code = 0x10 if self.says_nobody and not self.listens else 0
@@ -160,19 +160,19 @@ class Way:
             self.take(self.relay.on_published(publish.ref, code, self.now_ms))
 
     def back_to_the_drone(self, most: int = 1000) -> None:
-        """Acknowledgements cross the air."""
+        """Let up to `most` acknowledgements cross the air."""
         self.take(self.relay.tick(self.now_ms))
         for _ in range(min(most, len(self.to_drone))):
             ack = self.to_drone.pop(0)
             self.take(self.carrier.on_ack(Inbound(ack.topic, ack.payload, ack.qos), self.now_ms))
 
     def lose_the_cloud(self) -> None:
-        """The activator's connection to the cloud broker is gone, with what was on it."""
+        """Break the activator's connection to the cloud broker; messages on it are lost."""
         self.to_cloud.clear()
         self.relay.on_cloud_down()
 
     def fly(self) -> None:
-        """Everything goes all the way."""
+        """Deliver everything all the way, and acknowledgements back."""
         self.to_the_activator()
         self.to_the_station()
         self.back_to_the_drone()
@@ -182,7 +182,7 @@ class Way:
         self.take(self.carrier.tick(self.now_ms))
 
     def settle(self) -> None:
-        """Everything works again for as long as it takes, five minutes at the most."""
+        """Let everything work until all is delivered, for at most five minutes."""
         self.connect()
         assert self.store is not None
         for _ in range(300):

@@ -1,4 +1,4 @@
-"""The gateway's desk and its missions with one drone whose words a test says, without any I/O."""
+"""The gateway's desk and its missions with one drone whose words a test supplies, without any I/O."""
 
 from __future__ import annotations
 
@@ -47,13 +47,14 @@ from mqttxt.station.outcomes import last_word
 
 
 class FakeDrone:
-    """A drone whose words the test says; `grants`: control comes as soon as it is wanted."""
+    """A drone whose words the test supplies; with `grants`, a claim gets control at once."""
 
     number = 1
 
     def __init__(self) -> None:
         self.sent: list[tuple[Command, Record[Outcome]]] = []
         self.is_controlled = False
+        self.is_reachable = True
         self.holder: str | None = None
         self.grants = True
         self.error: Exception | None = None
@@ -121,43 +122,46 @@ class FakeStation:
 
 
 class Bench:
-    """A desk with one drone; clients' sockets keep what they were sent."""
+    """A desk with one drone; `heard` has the messages sent to each client."""
 
     def __init__(self, group: asyncio.TaskGroup, take_over: bool = False) -> None:
         self.now_ms = 100_000
+        self.age_ms: int | None = 0
         self.drone = FakeDrone()
         self.states: tuple[State, ...] = (Airframe(PX4, 2), Armed(True), Home(47.0, 8.0, 488.0))
         self.clients = Clients()
         self.heard: dict[str, list[Any]] = {}
+        self.peers: dict[str, Peer] = {}
         self.control = ClientControl(cast(GroundStation, FakeStation()), self.clients, lambda: self.now_ms, take_over)
         self.copies = PlanCopies()
         self.uploads = Uploads(self.control, self.copies, self.view, lambda: self.now_ms, group, 5.0)
         downloads = Downloads(self.control, self.copies, self.uploads, self.view, lambda: self.now_ms, group)
         self.missions = Missions(self.uploads, downloads)
         self.parameter_copies = ParameterCopies()
-        settings = Settings(self.control, self.parameter_copies, lambda: self.now_ms, group, 5.0)
+        settings = Settings(self.control, self.parameter_copies, self._send_to_all, lambda: self.now_ms, group, 5.0)
         self.parameters = ClientParameters(
             self.control, self.parameter_copies, settings, self.view, lambda: self.now_ms, group
         )
         self.desk = Desk(self.control, self.uploads, self.view, lambda: self.now_ms, group, 5.0)
 
     def view(self, drone: Any) -> View:
-        known = {state.name: KnownState(state, 0) for state in self.states}
-        return View(1, known, self.now_ms, self.copies.mission(1))
+        known = {state.name: KnownState(state, self.age_ms) for state in self.states}
+        return View(1, known, self.now_ms)
 
     def client(self, name: str = "qgc", system: int = 255) -> Client:
         heard = self.heard.setdefault(name, [])
         peer = Peer(name, lambda packet: heard.append(mavlink.MAVLink(None).decode(bytearray(packet))))
+        self.peers[name] = peer
         client = Client(peer, system, 190)
         self.clients.on_heartbeat(client, self.now_ms)
         return client
 
-    async def ask(self, client: Client, request: Request, confirmation: int = 0) -> None:
-        self.desk.on_request(client, cast(Drone, self.drone), request, confirmation, 10.0)
+    async def ask(self, client: Client, request: Request, confirmation: int = 0, *, is_late: bool = False) -> None:
+        self.desk.on_request(client, cast(Drone, self.drone), request, confirmation, 10.0, is_late=is_late)
         await self.settle()
 
     async def say(self, word: Word, number: int = -1, **more: Any) -> None:
-        """The drone's word about the command that was sent last, or as number `number`."""
+        """Supply the drone's word about the command sent last, or as number `number`."""
         command, record = self.drone.sent[number]
         outcome = Outcome(CommandId(1, 1), 1, 1, command.name, word, **more)
         record.hear(outcome)
@@ -166,7 +170,7 @@ class Bench:
         await self.settle()
 
     async def send(self, client: Client, *messages: Any) -> None:
-        """Messages of the mission and the parameter protocol, as a client sends them."""
+        """Send messages of the mission and the parameter protocol as a client."""
         for message in messages:
             decoded = mavlink.MAVLink(None).decode(bytearray(message.pack(mavlink.MAVLink(None, client.system, 190))))
             is_parameters = decoded.get_type() in PARAMETER_MESSAGES
@@ -174,14 +178,26 @@ class Bench:
             asked.on_message(client, cast(Drone, self.drone), decoded)
             await self.settle()
 
+    async def taken(self) -> None:
+        """Let another station take the drone."""
+        self.drone.holder, self.drone.is_controlled = "gs-ops", False
+        self.desk.on_taken(1)
+        self.control.on_taken(cast(Drone, self.drone), "gs-ops")
+        await self.settle()
+
     async def carry(self, word: Word, number: int = -1, **more: Any) -> None:
-        """The drone's last word about the plan that was uploaded last, or as number `number`."""
+        """Supply the drone's last word about the plan uploaded last, or as number `number`."""
         self.drone.uploads[number][1].set_result(Outcome(CommandId(1, 1), 1, 1, "upload_plan", word, **more))
         await self.settle()
 
     def of(self, kind: str, name: str = "qgc") -> list[Any]:
-        """The messages of a kind that a client was sent."""
+        """The messages of a kind that were sent to a client."""
         return [message for message in self.heard[name] if message.get_type() == kind]
+
+    def _send_to_all(self, drone: int, messages: list[Any]) -> None:
+        for peer in self.peers.values():
+            for message in messages:
+                peer.send(drone, message)
 
     async def settle(self) -> None:
         for _ in range(10):

@@ -29,7 +29,7 @@ FIGURES = (
         for name in (*Px4.max_speed, *Px4.cruise_speed)
     ),
 )
-"""What an autopilot tells at the start, all that PSMI needs among it."""
+"""The messages of an autopilot's start, among them all that PSMI needs."""
 
 
 class DroneNode(Node):
@@ -68,7 +68,7 @@ class DroneNode(Node):
             self._transmit(output)
 
     def _transmit(self, effect: Transmit) -> None:
-        """As the runner does it: the last look at the clock is immediately before the write."""
+        """Write as the runner does: it reads the clock for the last time immediately before the write."""
         late = effect.not_after_ms is not None and self.clock.now_ms() > effect.not_after_ms
         if late and self.sim.dangers.looks_before_the_write:
             self.react(self.role.on_refused, effect.ref, True)
@@ -112,7 +112,7 @@ class DroneNode(Node):
 
 
 def _of(message: Any, system: int) -> Any:
-    """The message as another autopilot's, to its own companion."""
+    """The message as if it were another autopilot's, to its own companion."""
     own = copy(message)
     own.get_srcSystem = lambda: system
     if hasattr(own, "target_system"):

@@ -1,4 +1,4 @@
-"""A ground station at the far end of a slow link: TCP over loss, as each message of the cloud's broker has it."""
+"""A ground station at the far end of a slow link: TCP over loss, simulated for each message at the cloud broker."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from tests.simulation.flight import Flight
 HEADERS_BYTES = 60
 """Ethernet, IP and TCP around a message."""
 AGAIN = 2.2
-"""How many one-way delays later it comes, if it is lost: a round trip and some."""
+"""How many one-way delays later a lost message arrives: a round trip and some."""
 
 
 @dataclass(frozen=True)
 class FarLink:
-    """All hops of a profile from the ground station to the drone in one: how long one way takes, and its loss."""
+    """All hops of a profile from the ground station to the drone as one: its one-way delay and its loss."""
 
     name: str
     one_way_ms: float
     loss: float
     is_in_time: bool
-    """Whether clients, which wait for 2 to 3 s, have an answer by then."""
+    """Whether clients, which wait for 2 to 3 s, get an answer in that time."""
 
 
 FAR_LINKS = (
@@ -36,7 +36,7 @@ FAR_LINKS = (
 
 @dataclass
 class Direction:
-    """One direction of a TCP connection: nothing overtakes, and what was lost comes a round trip and some later."""
+    """One direction of a TCP connection: messages stay in order, and a lost one arrives a round trip and some later."""
 
     delay_ms: float
     bits_s: float
@@ -61,7 +61,7 @@ class Direction:
 
 
 class FarFlight(Flight):
-    """The station of profile `geo-2s`: a round trip of two seconds, and one message of twenty lost each way."""
+    """A station behind the link `geo-2s`: a round trip of two seconds, and one message in twenty lost each way."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

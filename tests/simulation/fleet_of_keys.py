@@ -1,4 +1,4 @@
-"""Certificates that no authority of ours would issue, for tests of what refuses them."""
+"""Certificates that our authority would not issue, for tests that they are refused."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def certificate_der(
     is_authority: bool = False,
     names: int = 1,
 ) -> bytes:
-    """A self-signed certificate with everything as asked for."""
+    """A self-signed certificate with the given contents."""
     key = key or Ed25519PrivateKey.generate()
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)] * names)
     now = datetime.now(UTC)

@@ -19,7 +19,7 @@ STEP_MS = 20
 
 
 class Flight(World):
-    """The world with an autopilot in it: what the UAV client says reaches it, and what it says the client."""
+    """The world with an autopilot, which exchanges messages with the UAV client."""
 
     def begin(self, like: str) -> Flight:
         self.have_autopilot(like)
@@ -52,7 +52,7 @@ class Flight(World):
                 self.run(name, getattr(self, name).tick(self.now_ms))
 
     def outcome(self, command: Any, limit_s: float = 120, **options: Any) -> tuple[Word, str | None]:
-        """What a command ends with."""
+        """Send a command and fly until its last word; returns that and its reason."""
         sent = self.send(command, **options)
         for _ in range(round(limit_s)):
             if (last := self.last_of(sent)) is not None:
@@ -61,7 +61,7 @@ class Flight(World):
         raise AssertionError(f"{command}: no last word in {limit_s:g} s")
 
     def set(self, **wanted: Any) -> None:
-        """Past all links: `mode` is a pilot's hand."""
+        """Set the vehicle's state past all links; `mode` acts as a pilot's change."""
         _, out = self.vehicle.control({"set": wanted})
         self._hear([o.message for o in out if isinstance(o, Reply)])
 
@@ -84,7 +84,7 @@ class Flight(World):
                 self.autopilot(parsed)
 
     def _arrives(self, effect: Any) -> bool:
-        """Whether the autopilot gets what the UAV client wants to write."""
+        """Whether a write of the UAV client reaches the autopilot."""
         return effect.not_after_ms is None or self.now_ms <= effect.not_after_ms
 
     def _write(self, effect: Any) -> None:

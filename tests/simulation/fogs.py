@@ -1,4 +1,4 @@
-"""An activator between two brokers that are the test itself."""
+"""An activator whose two brokers are the test itself."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ActivatorBench:
             self.birth = self.be_shown()
 
     def be_shown(self, *records: tuple[int, DroneRecord]) -> list[Any]:
-        """The broker has shown by wildcard what it retains, and shows `records` to who names their drones in full."""
+        """End what the broker retains by wildcard, and deliver `records` to filters that name their drones in full."""
         own = BeaconMessage(session=FOG_SESSION, now_ms=self.now_ms)
         out = self.cloud("clock", own)
         named = [effect for effect in out if isinstance(effect, Subscribe)]
@@ -76,13 +76,13 @@ class ActivatorBench:
         return out
 
     def _done(self, effects: Iterable[Effect]) -> list[Any]:
-        """What the activator does; what it writes down is kept apart."""
+        """The activator's effects without its audit records, which are kept apart."""
         found = list(effects)
         self.audited += [effect for effect in found if isinstance(effect, Audit)]
         return [effect for effect in found if not isinstance(effect, Audit)]
 
     def appear(self, drone: int = 1, session: int = UAV_SESSION) -> list[Any]:
-        """A UAV client is born and echoes the activator's question."""
+        """Let a UAV client publish its birth and echo the activator's nonce."""
         out = self.fog(f"drone{drone}/reachable", Presence(session=session, up=True))
         (lease,) = of(out, f"drone{drone}/init_connect")
         return out + self.echo(decode(DroneLease, lease.payload).nonce, drone, session)
@@ -119,7 +119,7 @@ class ActivatorBench:
         return self.fog("drone1/state/battery", encode_state(state, Encoding.CBOR))
 
     def tell(self, *states: State, drone: int = 1) -> list[Any]:
-        """A drone's states, stamped now."""
+        """Publish a drone's states, stamped now."""
         own_ms = self.now_ms + UAV_AHEAD_MS
         out: list[Any] = []
         for state in states:
@@ -128,13 +128,13 @@ class ActivatorBench:
         return out
 
     def select(self, command: Command, seq: int = 1, **changed: Any) -> list[Any]:
-        """A command for whichever drone PSMI chooses."""
+        """Send a command for the drone that PSMI chooses."""
         fields = {"gs_session": GS_SESSION, "seq": seq, "executor_session": FOG_SESSION, "limit_s": 60.0}
         fields |= {"deadline_ms": self.now_ms + 5000, "mode": SelectMode.SELECT, "command": command, **changed}
         return self.cloud(f"commands/{command.name}", SelectMessage(**fields))  # type: ignore[arg-type]
 
     def word(self, drone: int, word: Word, seq: int = 1, reason: str | None = None) -> list[Any]:
-        """What a drone says of a goto."""
+        """Publish a drone's word about a goto."""
         stamp = (self.now_ms + UAV_AHEAD_MS) // 10 % 65536
         result = ResultMessage(
             gs_session=GS_SESSION, seq=seq, session=UAV_SESSION + drone, stamp=stamp, word=word, reason=reason
@@ -143,7 +143,7 @@ class ActivatorBench:
 
 
 def ready(controlled: bool = True, **how: Any) -> ActivatorBench:
-    """Drone 1 is reachable and, unless a test wants the gate closed, under the control of station alpha."""
+    """A bench whose drone 1 is reachable and, unless the gate is to be closed, controlled by station alpha."""
     bench = ActivatorBench(**how)
     bench.appear()
     if controlled:

@@ -1,4 +1,4 @@
-"""Adversaries of a fleet that signs: brokers that do as they like, and an activator whose key was stolen."""
+"""Adversaries of a fleet that signs: hostile brokers, and an activator whose key was stolen."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from tests.simulation.verdicts import Judge
 
 KEPT = 400
 HOLDS_BACK = 0.03
-"""The chance that a broker begins to hold a topic's commands back, for each of them."""
+"""The probability, per command, that a broker begins to hold back the commands of its topic."""
 THIEF = "activator"
 DRONES = (1, 2)
 
 
 def signed_payload(payload: bytes) -> bytes:
-    """What is signed in a message, the first of it where there are several; raises PayloadError."""
+    """The signed payload of a message, the first if there are several. Raises PayloadError."""
     try:
         return Envelope.parse(payload).payload
     except PayloadError:
@@ -44,9 +44,9 @@ def signed_payload(payload: bytes) -> bytes:
 
 
 class SignedJudge(Judge):
-    """Judges by what is signed. A hostile network may have anything refused early: that is not judged.
+    """Judges by signed contents. A hostile network may get anything refused early: that is not judged.
 
-    Another kind of violation: `false`, a command that is `completed` in the station's eyes, and was not executed.
+    It has another kind of violation, `false`: a command that the station takes for `completed` was not executed.
     """
 
     def hears_beacon(self, clock: Any, message: Inbound, sent_us: int, now_ms: int) -> None: ...
@@ -73,30 +73,30 @@ class SignedJudge(Judge):
 
 
 class Forger:
-    """What an adversary says: what it has heard, changed, and what it makes up and signs with keys that it has."""
+    """An adversary's messages: overheard ones, as they are or changed, and made-up ones signed with its own keys."""
 
     def __init__(self, rng: Random) -> None:
         self.rng = rng
         self.seen: list[Publish] = []
         self.wills: list[Publish] = []
-        """Signed ones, which a broker has from CONNECT on and may say at any time."""
+        """Signed wills, which a broker has from CONNECT on and may publish at any time."""
         self.attempts: Counter[tuple[str, str]] = Counter()
-        """By where, a broker's connection or THIEF, and by the way; what passes unchanged is none."""
+        """Attempts by place (a broker's connection or THIEF) and method; an unchanged message is none."""
         self._insider, self._stranger = seal("gs-eve", Rights(observe=True)), seal("gs-g", fleet="other")
         self._neighbour = seal("gs-two", Rights(command=frozenset({2})))
-        """May command drone 2, but was never there: nothing that it signs is in a session of its own."""
+        """May command drone 2, but was never connected: nothing that it signs is in a session of its own."""
 
     def hear(self, publish: Publish) -> None:
-        """Remember, sometimes in the place of something older."""
+        """Remember a message, sometimes in the place of an older one."""
         if len(self.seen) < KEPT:
             self.seen.append(publish)
         else:
             self.seen[self.rng.randrange(KEPT)] = publish
 
     def forged(self, passing: Publish) -> Publish | None:
-        """Something to deliver that nobody said so, beside a message that passes.
+        """A forgery to deliver beside a passing message, or None.
 
-        Of a command that passes, most often: nothing newer overtakes it, so only what is wrong with it keeps it out.
+        If a command passes, mostly a forgery of that: nothing newer overtakes it, so only its defect keeps it out.
         """
         link = passing.link
         wills = [will for will in self.wills if will.link == link]
@@ -122,7 +122,7 @@ class Forger:
         return publish
 
     def have_will(self, publish: Publish) -> None:
-        """The newest of each topic, and the one before it: that of a connection, or a process, that is gone."""
+        """Keep the newest will of each topic, and the one before: that of a connection, or a process, that is gone."""
         of_others = [will for will in self.wills if will.topic != publish.topic]
         of_topic = [will for will in self.wills if will.topic == publish.topic and will != publish]
         self.wills = [*of_others, *of_topic[-1:], publish]
@@ -131,7 +131,7 @@ class Forger:
         return replace(publish, retain=self.rng.random() < 0.3)
 
     def _moved(self, publish: Publish) -> Publish:
-        """On another topic: of the other drone, or any."""
+        """The message on another topic: the other drone's, or any."""
         if "drone1" in publish.topic or "drone2" in publish.topic:
             other = publish.topic.replace("drone1", "drone#").replace("drone2", "drone1").replace("drone#", "drone2")
             return replace(publish, topic=other)
@@ -143,7 +143,7 @@ class Forger:
         return replace(publish, payload=bytes(payload))
 
     def _rerouted(self, publish: Publish) -> Publish | None:
-        """Another deadline, stamp or session outside of the signatures."""
+        """The message with another deadline, stamp or session outside of the signatures."""
         try:
             envelope = Envelope.parse(publish.payload)
         except PayloadError:
@@ -154,7 +154,7 @@ class Forger:
         return replace(publish, payload=envelope.routed(beside).encode())
 
     def later(self, envelope: Envelope) -> Envelope:
-        """A command with another deadline beside what is signed: a later one, most often, that may be one."""
+        """A command with another deadline beside the signed payload, mostly a later, plausible one."""
         signed_ms = decode(CommandMessage, envelope.payload).deadline_ms or 0
         plausible = [signed_ms + more_ms for more_ms in (500, 5000, 20_000)]
         return envelope.routed(self.rng.choice([None, 2**53 - 1, *plausible, *plausible]))
@@ -171,7 +171,7 @@ class Forger:
         )
 
     def _swapped(self, publish: Publish) -> Publish | None:
-        """What was signed for one drone as if it were for another."""
+        """A command signed for one drone as if it were for the other."""
         try:
             addressed = Addressed.parse(publish.payload)
         except PayloadError:
@@ -180,7 +180,7 @@ class Forger:
         return replace(publish, payload=replace(addressed, entries=entries).encode())
 
     def _altered(self, publish: Publish) -> Publish | None:
-        """With other contents under the old signature, or under that of a station that has met nobody."""
+        """The message with other contents under the old signature, or under that of a station that no node has met."""
         try:
             addressed = Addressed.parse(publish.payload)
         except PayloadError:
@@ -197,7 +197,7 @@ class Forger:
         return replace(publish, payload=self._changed(topic, envelope).encode())
 
     def _changed(self, topic: str, envelope: Envelope) -> Envelope:
-        """Other numbers: the next ids, later deadlines, clocks that are ahead, other words."""
+        """The envelope with other numbers: the next ids, later deadlines, clocks that are ahead, other words."""
         plain = cbor2.loads(envelope.payload)
         for place in self.rng.sample(range(1, len(plain)), min(2, len(plain) - 1)):
             if type(plain[place]) is int:
@@ -212,7 +212,7 @@ class Forger:
         return by.sign(topic, payload, with_certificate=self.rng.random() < 0.7).routed(envelope.route)
 
     def _worded(self, publish: Publish) -> Publish | None:
-        """That a command is completed, in the words of a drone that has not said so."""
+        """A word `completed` about a command, as if a drone had published it."""
         if not publish.topic.endswith("/commands"):
             return None
         drone = self.rng.choice(DRONES)
@@ -232,7 +232,7 @@ class Forger:
         return replace(publish, topic=topic, payload=payload)
 
     def _made_up(self, publish: Publish) -> Publish:
-        """Commands of an insider in the newest session that it has seen, beacons that are ahead, leases for good."""
+        """An insider's commands in sessions that it has seen, beacons that are ahead, leases without end."""
         drone = self.rng.choice(DRONES)
         session = self.rng.choice([self._some_session(), self.rng.randrange(1, 2**32)])
         command = CommandMessage(
@@ -287,7 +287,7 @@ class Forger:
         return replace(publish, topic=topic, payload=addressed.encode() if as_command else signed.encode())
 
     def _some_session(self) -> int:
-        """A number out of something that was signed: a session, most often."""
+        """A number out of a signed message, mostly a session."""
         try:
             plain = cbor2.loads(signed_payload(self.rng.choice(self.seen).payload))
         except (PayloadError, StopIteration, cbor2.CBORError, UnicodeDecodeError):
@@ -297,7 +297,7 @@ class Forger:
 
 
 class HostileBroker(Broker):
-    """Delivers what was said, and what it makes of it; its reason codes and what it retains say nothing."""
+    """Delivers messages, and forgeries of them; its reason codes and retained messages mean nothing."""
 
     def __init__(self, events: Events, forger: Forger, rate: float) -> None:
         super().__init__(events)
@@ -331,7 +331,7 @@ class HostileBroker(Broker):
                 self._events.after(rng.choice((0, 50 * MS, 2 * S, 30 * S)), self._deliver, forged)
 
     def _holds_back(self, publish: Publish) -> bool:
-        """Whether this one comes later, as all commands of its topic for some seconds: nothing newer overtakes them."""
+        """Whether to deliver it later, as all commands of its topic for some seconds: nothing newer overtakes them."""
         rng, now_us, until_us = self._forger.rng, self._events.now_us, self._held_until_us.get(publish.topic, 0)
         if now_us >= until_us:
             if rng.random() >= HOLDS_BACK:
@@ -344,13 +344,13 @@ class HostileBroker(Broker):
         return True
 
     def _deliver(self, publish: Publish) -> None:
-        """To whoever would get it, past RETAIN as it was and without a word to who said it."""
+        """Deliver to all subscribers, with its RETAIN flag, and without an answer to its publisher."""
         if self.alive:
             self._spread(publish, self._events.now_us)
 
 
 class Thief(ActivatorNode):
-    """An activator whose key is somebody else's: it says what it likes in its own name, and when."""
+    """An activator whose key was stolen: the thief publishes what it likes, when it likes, in the activator's name."""
 
     def _carry_out_one(self, output: Any, read_us: int) -> None:
         sim, rng = self.sim, self.sim.rng
@@ -388,7 +388,7 @@ class Thief(ActivatorNode):
 
 
 class HostileSimulation(Simulation):
-    """A fleet that signs, under brokers that forge at `rate` of what passes, with an honest activator or a thief."""
+    """A fleet that signs, under brokers that forge at `rate` per message, with an honest activator or a thief."""
 
     def __init__(self, seed: int, dangers: Dangers, rate: float, thief: bool = False) -> None:
         self._rate = rate

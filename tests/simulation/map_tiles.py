@@ -30,7 +30,7 @@ def _field(number: int, body: bytes) -> bytes:
 
 
 def shapes(layer: str) -> bytes:
-    """A vector tile of which one area, in a layer, covers everything."""
+    """A vector tile with one area, in a layer, that covers everything."""
     move, lines, close = 1 << 3 | 1, 3 << 3 | 2, 1 << 3 | 7
     far, back = (b"\x80\x40", b"\xff\x3f")  # 4096 and -4096, as zigzag varints
     ring = bytes([move, 0, 0, lines]) + far + b"\0" + b"\0" + far + back + b"\0" + bytes([close])
@@ -48,7 +48,7 @@ def named(layer: str, name: str, kind: str) -> bytes:
 
 
 def pmtiles(path: Path, tile: bytes, kind: TileType, latitude_deg: float, longitude_deg: float) -> Path:
-    """A file that has one tile over and over: at every zoom those around a place."""
+    """Write a file that has one tile at every place around a position, at every zoom."""
     wanted = set()
     for zoom in range(HIGHEST_ZOOM + 1):
         count = 2**zoom

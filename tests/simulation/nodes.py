@@ -1,6 +1,6 @@
 """The processes of a simulated fog: real roles on drifting clocks, stalled, paused and killed at any point.
 
-A pause comes between the reading of the clock and what follows from it, a kill also between two effects.
+A pause falls between reading the clock and carrying out the effects, a kill also between two effects.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Node(Client):
         self._soon(self.sim.rng.randint(0, TICK_US), self._tick)
 
     def kill(self) -> None:
-        """At once; the brokers notice later, and a supervisor starts it again."""
+        """Kill the process at once; the brokers notice later, and a supervisor starts it again."""
         self.alive = False
         self.generation += 1
         for link in list(self.links):
@@ -71,7 +71,7 @@ class Node(Client):
         self.sim.events.after(self.sim.rng.randint(200 * MS, 3 * S), self.start)
 
     def cut(self, link: str) -> None:
-        """The connection breaks: each side notices in its own time."""
+        """Break a connection; each side notices in its own time."""
         if link in self.links:
             self._drop(link, self.sim.rng.randint(0, 2 * S))
             self._soon(self.sim.rng.randint(0, 1 * S), self._disconnected, link)
@@ -90,7 +90,7 @@ class Node(Client):
         return self.role.will()
 
     def remote_clock(self, topic: str) -> RemoteClock | None:
-        """What the role keeps of the clock that a beacon's topic is of."""
+        """The role's record of the clock to which a beacon's topic belongs."""
         return None
 
     def received(self, link: str, message: Inbound, read_us: int) -> None:
@@ -104,7 +104,7 @@ class Node(Client):
             self.react(self.role.on_published, link, ref, code)
 
     def react(self, method: Callable[..., Iterable[Any]], *args: Any, heard: tuple[Inbound, int] | None = None) -> None:
-        """Read the clock, let the role decide, and do what it wants, perhaps after a pause."""
+        """Read the clock, let the role decide, and carry out its effects, perhaps after a pause."""
         if not self.alive:
             return
         if self.sim.events.now_us < self.stalled_until_us:
@@ -149,7 +149,7 @@ class Node(Client):
             self.special(output)
 
     def special(self, output: Any) -> None:
-        """Effects and events that only one kind of process has; the rest are logs."""
+        """Carry out effects and events of one kind of process; the rest are logs."""
 
     def stall(self, duration_us: int) -> None:
         self.stalled_until_us = max(self.stalled_until_us, self.sim.events.now_us + duration_us)
@@ -171,7 +171,7 @@ class Node(Client):
         self._at(self.sim.events.now_us + delay_us, lambda: act(*args))
 
     def _at(self, when_us: int, act: Callable[[], None]) -> None:
-        """Of this process only: what a killed one still wanted to do is not done."""
+        """Schedule an act of this process; if it is killed before, the act is dropped."""
         generation = self.generation
         self.sim.events.at(when_us, lambda: act() if self.generation == generation else None)
 
@@ -188,7 +188,7 @@ class StationNode(Node):
         return role
 
     def send(self) -> None:
-        """To one drone, to all, or to whichever the fog selects."""
+        """Send a command to one drone, to all, or to the one that the fog selects."""
         rng, sim = self.sim.rng, self.sim
         if not self.alive or sim.events.now_us < self.stalled_until_us:
             return
@@ -219,7 +219,7 @@ class StationNode(Node):
             self.sim.judge.says(output)
 
     def published(self, link: str, ref: Any, code: int) -> None:
-        """A ground station asks for no acknowledgement."""
+        """Ignored: a ground station requests no acknowledgement."""
 
 
 class ActivatorNode(Node):

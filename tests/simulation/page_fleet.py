@@ -35,7 +35,7 @@ def outcome(word: Word, drone: int | None = 1, seq: int = 1, **more: Any) -> Out
 
 
 class FakeLinks:
-    """One link, with what it was told."""
+    """One link, which records the changes requested of it."""
 
     title = "MQTT-XT"
 
@@ -60,7 +60,7 @@ class FakeLinks:
 
 @dataclass
 class FakeSent:
-    """A command that was sent: its words are those that a test lets come."""
+    """A command that was sent; a test puts its outcomes into `words`."""
 
     command: Command
     ttl_s: float
@@ -132,7 +132,7 @@ class FakeFog:
 
 
 class FakeStation:
-    """`sent` is what was commanded, with the drone's number, None for a whole fog."""
+    """`sent` has each command with the drone's number, None for a whole fog."""
 
     name = "page"
     prefix = ""

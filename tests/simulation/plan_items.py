@@ -7,13 +7,13 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.protocol.plans import PlanItem, PlanObject
 
 HOME = (473_977_420, 85_455_940)
-"""Latitude and longitude in 1e-7 degrees; `METRES` is what a metre northwards and eastwards is there."""
+"""Latitude and longitude in 1e-7 degrees; `METRES` has a metre north and a metre east there, in this unit."""
 METRES = (1 / 0.0111319, 1 / 0.0075353)
 ABOVE = 12.0
 
 
 def place(command: int, north_m: float, east_m: float, up_m: float, *params: float | None) -> PlanItem:
-    """An item at a place, so high above home."""
+    """An item at a place, `up_m` above home."""
     x, y = (at + round(metres * way) for at, metres, way in zip(HOME, (north_m, east_m), METRES, strict=True))
     return PlanItem(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, command, _four(params), x, y, up_m, True)
 

@@ -1,4 +1,4 @@
-"""What tests of the signed mode share: a fog that signs, and what it says."""
+"""Helpers for tests of the signed mode: a fog that signs, and its messages."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def delivered(publish: Publish) -> tuple[str, bytes, int]:
 
 
 def meet(world: World, station: Seal, session: int) -> None:
-    """The drone hears of another station, as its activator passes it on."""
+    """Introduce another station to the drone: its birth arrives as the activator passes it on."""
     topic = f"gs/{station.certificate.node.label}/reachable"
     birth = station.sign(topic, encode(Presence(session=session, up=True)), with_certificate=True)
     out = world.uav.on_message("fog", Inbound("drone1/stations", birth.encode(), 1), world.now_ms)

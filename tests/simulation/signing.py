@@ -29,6 +29,6 @@ def folder(name: str, rights: Rights, fleet: str) -> Path:
 
 
 def seal(name: str, rights: Rights | None = None, fleet: str = "acme") -> Seal:
-    """What a node signs with; it knows nobody's certificate yet. A station may do everything unless said otherwise."""
+    """A node's seal, without others' certificates yet. A station has all rights unless `rights` are given."""
     default = ALL if name.startswith("gs-") else Rights()
     return Seal(Identity.load(folder(name, default if rights is None else rights, fleet)))

@@ -1,4 +1,4 @@
-"""What hypothesis draws for tests of the wire and the roles: any message, and traffic that gets past first checks."""
+"""Hypothesis strategies for tests of wire formats and roles: any message, and traffic that passes the first checks."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ PAYLOADS = st.binary(max_size=40) | PLAIN.map(cbor2.dumps) | st.binary(max_size=
 
 
 def values(mark: Any, known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
-    """Whatever a field may carry; of whole numbers often one of `known`, or the largest."""
+    """Any value of a field; whole numbers are often one of `known`, or the largest."""
     if isinstance(mark, Integer):
         often = [number for number in (*known, mark.high) if mark.low <= number <= mark.high]
         anything = st.integers(mark.low, mark.high)
@@ -91,14 +91,14 @@ def messages(cls: type[Any], known: tuple[int, ...] = ()) -> st.SearchStrategy[A
 
 
 def _typed(name: str, kind: ParameterType, value: float | None) -> Parameter | None:
-    """A parameter whose value its type has, None where that cannot be."""
+    """A parameter with a value that its type can hold, or None."""
     if kind.span is not None:
         return Parameter(name, kind, kind.span[int(value or 0) % len(kind.span)])
     return None if value is not None and abs(value) > FLOAT32_MAX else Parameter(name, kind, value)
 
 
 def inbound(rows: tuple[TopicRow, ...], known: tuple[int, ...]) -> st.SearchStrategy[Inbound]:
-    """A message on a topic of the table or on none, whose payload belongs there, to another topic, or to nothing.
+    """A message on a topic of the table or on none, whose payload belongs there or is arbitrary.
 
     `known` are sessions, nonces and times that mean something to the receiver.
     """

@@ -18,7 +18,7 @@ RHO_PPM = 1000
 
 
 class Events:
-    """What happens when, in microseconds of true time."""
+    """A schedule of acts, in microseconds of true time."""
 
     def __init__(self) -> None:
         self.now_us = 0
@@ -26,7 +26,7 @@ class Events:
         self._count = 0
 
     def at(self, when_us: int, act: Callable[..., None], *args: Any) -> None:
-        """Do something at an instant; what is due together is done in the order of asking."""
+        """Schedule an act; acts that are due together happen in the order of scheduling."""
         self._count += 1
         heapq.heappush(self._heap, (max(when_us, self.now_us), self._count, act, args))
 
@@ -62,7 +62,7 @@ class DriftingClock:
 
 @dataclass
 class Weather:
-    """How bad a network is. Delays in microseconds, chances for each message."""
+    """How bad a network is. Delays are in microseconds, probabilities per message."""
 
     rng: Random
     latency_us: tuple[int, int] = (200, 2000)
@@ -71,13 +71,13 @@ class Weather:
     reorders: float = 0.0
     worst_delay_us: int = 12_000_000
     aims: Callable[[Publish], int | None] = lambda publish: None
-    """The instant close to which a message is to arrive, None to leave it to chance."""
+    """The instant at which a message is to arrive, None to leave it to chance."""
 
     def latency(self) -> int:
         return self.rng.randint(*self.latency_us)
 
     def delays(self, publish: Publish | None, now_us: int) -> list[tuple[int, bool]]:
-        """(delay, in order?) of each copy of a message that arrives."""
+        """(delay, whether in order) of each arriving copy of a message."""
         rng = self.rng
         if publish is not None and publish.qos == 0 and rng.random() < self.loses:
             return []
@@ -95,7 +95,7 @@ class Weather:
 
 
 class Channel:
-    """One direction of a connection: in order as TCP keeps it, except for what the weather lets overtake."""
+    """One direction of a connection: in order as by TCP, except for messages that the weather reorders."""
 
     def __init__(self, events: Events, weather: Weather) -> None:
         self._events = events
@@ -113,7 +113,7 @@ class Channel:
 
 
 class Client:
-    """What a broker tells one of its clients."""
+    """A broker's calls to one of its clients."""
 
     def received(self, link: str, message: Inbound, read_us: int) -> None: ...
     def subscribed(self, link: str, subscribe: Subscribe) -> None: ...
@@ -134,7 +134,7 @@ class Connection:
     filters: list[tuple[str, bool]] = field(default_factory=list)
 
     def publish(self, publish: Publish, read_us: int) -> None:
-        """`read_us`: when the publisher read its clock for what the message says."""
+        """Send to the broker; `read_us`: when the publisher read its clock for this message."""
         self.up.send(self.broker.route, self, publish, read_us, publish=publish)
 
     def subscribe(self, subscribe: Subscribe) -> None:
@@ -166,7 +166,7 @@ class Broker:
         self.connections.append(connection)
 
     def lose(self, connection: Connection) -> None:
-        """The connection is gone as the broker sees it: its will is published."""
+        """Drop a connection that is gone to the broker, and publish its will."""
         if connection in self.connections:
             self.connections.remove(connection)
             will = connection.will
@@ -174,7 +174,7 @@ class Broker:
                 self._spread(Publish(connection.link, will.topic, will.payload, 1, retain=True), self._events.now_us)
 
     def die(self) -> list[Connection]:
-        """End at once: nothing retained, nobody connected. Returns who was."""
+        """End at once, without retained messages and connections; returns the connections that it had."""
         self.alive = False
         gone, self.connections = self.connections, []
         self.retained.clear()
@@ -199,7 +199,7 @@ class Broker:
                     connection.tell(connection.client.received, message, read_us)
 
     def _wait(self, act: Callable[..., None], *args: Any) -> bool:
-        """A stalled broker reads later what came."""
+        """Whether an act cannot happen now: a stalled broker does it later, a dead one never."""
         if self._events.now_us < self.stalled_until_us:
             self._events.at(self.stalled_until_us, act, *args)
             return True

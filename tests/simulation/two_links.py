@@ -1,4 +1,4 @@
-"""A world whose fog has two brokers: each end of each connection can be cut, or get stuck and give back all at once."""
+"""A world whose fog has two brokers: each end of each connection can be cut, or held back and released at once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LINKS = tuple(LINKS_TO)
 USUAL_S = dict(zip(LINKS, (0.05, 0.6), strict=True))
 OFTEN = POLICIES | {"location": replace(POLICIES["location"], min_interval_ms=50)}
 NOTICED_MS = 600
-"""A PINGREQ every 0.4 s, and what its answer may be late."""
+"""When a frozen end is noticed: a PINGREQ every 0.4 s, and its answer's allowed delay."""
 
 
 class Path:
@@ -53,7 +53,7 @@ class Path:
             self._world.connect(self._name, self._link)
 
     def ping(self) -> None:
-        """Answered, or not, as the world says."""
+        """Nothing to do: `usual_s` shows a missing answer."""
 
     def usual_s(self) -> float:
         since_ms = self._world.stuck.get((self._name, self._link))
@@ -97,7 +97,7 @@ class Owner:
 
 @dataclass
 class TwoLinks(World):
-    """As `World`, but between activator and UAV client there are two brokers, `LINKS`; or two ways to `one_broker`."""
+    """A `World` with two brokers, `LINKS`, between activator and UAV client; or two links to `one_broker`."""
 
     one_broker: bool = False
 
@@ -148,7 +148,7 @@ class TwoLinks(World):
             super()._reconnect(name, effect)
 
     def cut(self, name: str, link: str) -> None:
-        """What was held up on it is lost; the broker publishes the will."""
+        """Cut one end: messages held at it are lost; the broker publishes a UAV client's will."""
         end, will = (name, link), self.uav.will()
         self.up.discard(end)
         self.stuck.pop(end, None)
@@ -159,11 +159,11 @@ class TwoLinks(World):
             self._at_broker(name, Publish(link, will.topic, will.payload, 1, retain=True))
 
     def freeze(self, name: str, link: str) -> None:
-        """Nothing passes at this end any more, and nobody is told."""
+        """Hold everything at this end, without any notice."""
         self.stuck.setdefault((name, link), self.now_ms)
 
     def thaw(self, name: str, link: str) -> None:
-        """All that was held up comes at once, late."""
+        """Deliver everything held at this end at once, late."""
         end = (name, link)
         self.stuck.pop(end, None)
         ours = [act for held, act in self.held if held == end]
@@ -205,7 +205,7 @@ class TwoLinks(World):
             super()._subscribe(name, effect)
 
     def _pass(self, name: str, link: str, act: Any) -> None:
-        """Do it now, or once this end is not stuck any more; never, where the connection has ended."""
+        """Act now, or when this end thaws; never if the connection has ended."""
         if (name, link) in self.stuck:
             self.held.append(((name, link), act))
         elif (name, link) in self.up:

@@ -1,4 +1,4 @@
-"""Judges a simulated history by true time: what was late, twice, unanswered, or refused although it was in time."""
+"""Judges a simulated history by true time: commands executed late or twice, unanswered, or refused though in time."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from tests.simulation.true_time import Events
 
 RHO = 1e-3
 WHOLE_MS = 5.0
-"""What one hop loses at most because clocks are read in whole milliseconds (docs/deadlines.md, theorem 3)."""
+"""The most that one hop loses because clocks are read in whole milliseconds (docs/deadlines.md, theorem 3)."""
 LONGEST_SHARED_US = 12_000_000
-"""How long a hold's acknowledgement may still be waited for: 4 s by R5.6, and the longest stalls."""
+"""How long a hold may still await its acknowledgement: 4 s by R5.6, and the longest stalls."""
 
 
 @dataclass
 class Sent:
-    """A command by true time; `early_ms` is the bound of how much before its end it may be refused, by hop.
+    """A command by true time; `early_ms` and `early_drone_ms` bound, by hop, how early it may be refused.
 
-    `unidentified`: drones that hold in a name that another hold has, so that no acknowledgement is surely its own.
+    `unidentified`: drones on which it shares its name with another hold, so that no acknowledgement is surely its own.
     """
 
     drones: tuple[int, ...]
@@ -73,7 +73,7 @@ class Judge:
         self._station += 1
 
     def hears_beacon(self, clock: RemoteClock | None, message: Inbound, sent_us: int, now_ms: int) -> None:
-        """A beacon came, and the role took it in: (1 + rho) d - 4 rho t_r orders beacons by the bound they give."""
+        """A role has taken in a beacon: (1 + rho) d - 4 rho t_r orders beacons by the bound that they give."""
         if clock is not None and decode(BeaconMessage, message.payload).session == clock.session:
             read_us = self._events.now_us
             value = ((1 + RHO) * (read_us - sent_us) - 4 * RHO * (1 + 2 * RHO) * read_us) / 1000
@@ -89,7 +89,7 @@ class Judge:
         self.sent[command_id] = Sent(drones, now_us, end_us, self._station, early_ms, selected)
 
     def publishes(self, node: Any, publish: Publish, read_us: int) -> None:
-        """What a process says: commands handed on, and `expired`."""
+        """Look at what a process publishes: commands passed on, and words `expired`."""
         if publish.topic in ("drone1/commands", "drone2/commands"):
             self._hands_on(node, publish)
         elif "/commands_result/" in publish.topic:
@@ -122,7 +122,7 @@ class Judge:
             self._blame("early", f"{command_id} refused {early_ms:.1f} ms early by {node.name}, bound {bound_ms:.1f}")
 
     def writes(self, node: Any, command_id: CommandId, key: AckKey) -> None:
-        """A write to an autopilot: in time, not again after its acknowledgement, not by another session."""
+        """Check a write to an autopilot: in time, not after its acknowledgement, and not by another session."""
         sent = self.sent.get(command_id)
         now_us = self._events.now_us
         if sent is None or node.number not in sent.drones:
@@ -143,7 +143,7 @@ class Judge:
         before.append((node.clock.session, now_us))
 
     def _shares_the_last_name(self, drone: int, command_id: CommandId, key: AckKey) -> None:
-        """More holds at once than names: the first acknowledgements are the older ones', and copies go on (R5.6)."""
+        """Note holds in excess of names: the first acknowledgements are the older ones', and copies go on (R5.6)."""
         now_us = self._events.now_us
         older, written_us = self._newest_of_last_name.get((drone, key), (command_id, now_us))
         if older != command_id and now_us - written_us < LONGEST_SHARED_US:
@@ -151,7 +151,7 @@ class Judge:
         self._newest_of_last_name[drone, key] = command_id, now_us
 
     def takes_on(self, node: Any, command_id: CommandId) -> None:
-        """An autopilot begins to do it: of a command for whichever drone is best only one may."""
+        """An autopilot begins to execute a command; one for the best drone may be begun by one drone only."""
         sent = self.sent[command_id]
         sent.taken_on.add(node.number)
         if sent.selected and len(sent.taken_on) > 1:
@@ -161,7 +161,7 @@ class Judge:
         self.sent[command_id].acknowledged.add(node.number)
 
     def says(self, outcome: Outcome) -> None:
-        """What a station tells whoever called it."""
+        """Take an outcome that a station reports to its caller."""
         sent = self.sent[outcome.id]
         if outcome.is_last:
             sent.last[outcome.drone] += 1
@@ -170,7 +170,7 @@ class Judge:
             sent.settled[outcome.drone] += 1
 
     def aim(self, publish: Publish, rng: Random, chance: float) -> int | None:
-        """Just around its true deadline is where a command does the most harm."""
+        """When a command is to arrive: around its true deadline, where it does the most harm. None: by chance."""
         is_last_hop = publish.topic.startswith("drone")
         if not publish.topic.endswith("commands") or rng.random() >= (chance if is_last_hop else chance / 8):
             return None
@@ -181,7 +181,7 @@ class Judge:
         return sent.end_us + rng.randint(-around_ms * 1000, around_ms * 1000)
 
     def close(self) -> None:
-        """At the end: exactly one last word for each drone of each command, unless its station was killed."""
+        """Check that each drone of each command has exactly one last word, unless its station was killed."""
         for command_id, sent in self.sent.items():
             counted = {drone: count for drone, count in sent.last.items() if count}
             answered = counted.get(None, 0) == 1 if len(sent.drones) > 1 else False
@@ -194,7 +194,7 @@ class Judge:
         self.violations.setdefault(kind, []).append(sentence)
 
     def counts(self) -> Counter[str]:
-        """Commands, how many a drone executed, how many were refused although in time, and the last words."""
+        """Counts of commands, executions by a drone, refusals although in time, last words and violations."""
         counted = Counter(word.label for sent in self.sent.values() for word in sent.words.values())
         counted["commands"] = len(self.sent)
         counted["executed"] = sum(len(sent.writes) for sent in self.sent.values())

@@ -16,7 +16,7 @@ ARM, TAKEOFF, LAND, MODE, REPOSITION = 400, 22, 21, 176, 192
 
 
 class Bench:
-    """An executor and its vehicle; the autopilot has told everything."""
+    """An executor and its vehicle, whose autopilot has reported everything."""
 
     def __init__(self, *told: Any) -> None:
         self.vehicle = Vehicle(1)

@@ -1,4 +1,4 @@
-"""The roles connected without any I/O: what one publishes the others receive, in order, at a time of the test's."""
+"""The roles connected without any I/O: messages are delivered in order, at times that the test sets."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ HOME = (473_977_420, 85_455_940, 488_000)
 
 
 def from_autopilot(message: Any, system: int = 1, component: int = 1) -> Any:
-    """A message as it comes out of the parser: with its sender."""
+    """A message as the parser returns it, with its sender."""
     codec = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
     (parsed,) = mavlink.MAVLink(None).parse_buffer(message.pack(codec))
     return parsed
@@ -66,7 +66,7 @@ def home() -> Any:
 
 
 def ready(client: UavClient, now_ms: int = 0) -> None:
-    """Heartbeat, home and position have come, the fog broker is connected and subscribed."""
+    """Feed heartbeat, home and position, and connect and subscribe at the fog broker."""
     for message in (heartbeat(), home(), position(), landed(1)):
         client.on_mavlink(message, now_ms)
     for effect in client.on_connected(FOG, now_ms):
@@ -94,7 +94,7 @@ def results(effects: Iterable[Any]) -> list[ResultMessage]:
 
 
 def on_disk(client: UavClient, effects: Iterable[Any], now_ms: int) -> list[Any]:
-    """The effects, and behind each opened command what follows once the journal has it."""
+    """The effects, each opening journal record followed by the effects of its being on disk."""
     out: list[Any] = []
     for effect in effects:
         out.append(effect)
@@ -104,19 +104,19 @@ def on_disk(client: UavClient, effects: Iterable[Any], now_ms: int) -> list[Any]
 
 
 def transmitted(effects: Iterable[Any]) -> list[Any]:
-    """The flight commands among the effects, not heartbeats and questions."""
+    """The flight commands among the effects, without heartbeats and requests."""
     return [e for e in effects if isinstance(e, Transmit) and e.ref is not None]
 
 
 class Kept:
-    """What a journal has: by the rules of `drone.journal`, without a disk."""
+    """A journal's contents, by the rules of `drone.journal`, without a disk."""
 
     def __init__(self) -> None:
         self.unfinished: dict[CommandId, Unfinished] = {}
         self.is_full = False
 
     def takes(self, effect: Journal) -> bool:
-        """Record, unless the disk is full; a full one loses no more than the record."""
+        """Record an effect unless the disk is full, which loses no more than that record."""
         if self.is_full:
             return False
         if not effect.done:
@@ -135,7 +135,7 @@ class World:
     bundles: bool = False
     signed: bool = False
     seal: Callable[[str], Seal | None] = seal
-    """What a node signs with, where messages are signed."""
+    """Makes a node's seal, where messages are signed."""
     now_ms: int = 0
     heard: list[Any] = field(default_factory=list)
     sent: list[tuple[str, Publish]] = field(default_factory=list)
@@ -151,9 +151,9 @@ class World:
     """Where the UAV client keeps flight logs, if it does."""
     drone: int = 1
     kind: int = mavlink.MAV_AUTOPILOT_PX4
-    """Of the autopilot, in the heartbeats of a UAV client's start."""
+    """MAV_AUTOPILOT in the heartbeats that a restarted UAV client receives."""
     shows: str = "all"
-    """Of what the cloud broker retains it shows newcomers `all`, what they name in full (`named`), or `nothing`."""
+    """Retained messages that new subscribers get at the cloud broker: `all`, those `named` in full, or `nothing`."""
     drop: set[str] = field(default_factory=set)
     """Kinds of topics (their last or next to last level) that are lost on the way."""
 
@@ -175,7 +175,7 @@ class World:
         return UavClient(self.drone, session, self.settings, seal=self._seal(f"drone{self.drone}"), fog=1, **left)
 
     def start(self) -> World:
-        """Everything connected, the drone reachable, the ground station registered."""
+        """Connect everything: the drone becomes reachable, the ground station registers."""
         self.gs.add_fogs([1])
         for message in (heartbeat(), home(), position(), landed(1)):
             self.uav.on_mavlink(message, self.now_ms)
@@ -186,7 +186,7 @@ class World:
         return self
 
     def restart_activator(self, session: int) -> None:
-        """The activator dies and another one starts in its place."""
+        """Kill the activator, and start another one in its place."""
         self.subscribed = [entry for entry in self.subscribed if entry[0] != "activator"]
         will = self.activator.will()
         self.route("activator", Publish(CLOUD, will.topic, will.payload, 1, retain=True))
@@ -195,7 +195,7 @@ class World:
         self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
 
     def restart_uav(self, session: int, unfinished: list[Unfinished], remembers: bool = True) -> None:
-        """The UAV client dies and another one starts with what the journal kept."""
+        """Kill the UAV client, and start another one with the contents of the journal."""
         self.subscribed = [entry for entry in self.subscribed if entry[0] != "uav"]
         will = self.uav.will()
         self.route("uav", Publish(FOG, will.topic, will.payload, 1, retain=True))
@@ -223,7 +223,7 @@ class World:
                 self.run(name, getattr(self, name).tick(self.now_ms))
 
     def run(self, name: str, outputs: Iterable[Any]) -> None:
-        """Carry out what a role asked for."""
+        """Carry out a role's outputs."""
         for output in outputs:
             if isinstance(output, Publish):
                 self.sent.append((name, output))
@@ -258,7 +258,7 @@ class World:
                 self.heard.append(output)
 
     def route(self, name: str, publish: Publish) -> None:
-        """What a broker does: keep what is retained, and hand it to whoever subscribed."""
+        """Act as the broker: keep retained messages, and deliver to subscribers."""
         if publish.retain:
             self.retained[publish.link, publish.topic] = publish
         levels = publish.topic.split("/")
@@ -287,7 +287,7 @@ class World:
         self.run(name, outputs)
 
     def lose_subscriptions(self, name: str, link: str) -> None:
-        """What a broker does that keeps a connection and delivers nothing more over it."""
+        """Act as a broker that keeps a connection but delivers nothing more over it."""
         self.subscribed = [entry for entry in self.subscribed if entry[:2] != (name, link)]
 
     def _reconnect(self, name: str, effect: Reconnect) -> None:
@@ -299,7 +299,7 @@ class World:
         self.run(name, role.on_connected(effect.link, self.now_ms))
 
     def _shows(self, link: str, wanted: str, topic: str) -> bool:
-        """Whether the broker shows who subscribes to a filter what it retains on a topic."""
+        """Whether a new subscriber to a filter gets the message that the broker retains on a topic."""
         if link == FOG or self.shows == "all":
             return matches(wanted, topic)
         return self.shows == "named" and wanted == topic

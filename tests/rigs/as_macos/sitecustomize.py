@@ -1,6 +1,6 @@
 """Python as on macOS, in every process that has this folder in PYTHONPATH.
 
-What macOS lacks is taken away before anything else is loaded. What stays Linux's is the behaviour of what both have.
+Names that macOS lacks are removed before anything else is loaded. Names that both have still behave as on Linux.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FOLDERS = ("/dev/shm", "/proc", "/sys")
 
 
 def without(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same, on a system that has none of FOLDERS."""
+    """The same function on a system without FOLDERS."""
 
     def find(path: Any, *arguments: Any, **options: Any) -> Any:
         if not isinstance(path, int) and os.fsdecode(path).startswith(FOLDERS):
@@ -49,7 +49,7 @@ def without(function: Callable[..., Any]) -> Callable[..., Any]:
     return find
 
 
-sysconfig.get_config_vars()  # of this Python: it looks for them by the name of the system
+sysconfig.get_config_vars()  # cached now: they are looked up by the name of the system
 for home, names in NAMES.items():
     for name in names:
         vars(home).pop(name, None)
