@@ -235,7 +235,7 @@ def _acknowledges_arm(message: Any, result: int) -> bool:
 
 
 def test_a_station_without_the_right_uploads_nothing_to_a_fleet_that_signs(tmp_path: Path) -> None:
-    system = SecureSystem(tmp_path, True)
+    system = SecureSystem(tmp_path, True, "--all-states")
     system.acme.issue("gs-plans", Rights(None, take_over=True, observe=True, upload_plan=True))
     system.let_in()
     found: dict[str, int | None] = {}
@@ -249,7 +249,7 @@ def test_a_station_without_the_right_uploads_nothing_to_a_fleet_that_signs(tmp_p
             try:
                 wait_until(lambda log=gateway.log: "listening" in log.read_text(), "the gateway listens")
                 client = Client(port)
-                client.pump()
+                client.until(lambda message: message.get_type() == "HEARTBEAT", "the drone is shown")
                 found[name] = Loader(client, 3).upload()
                 if name == "gs-ops":
                     client.text("gs-ops's certificate has")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any, cast
 
 import pytest
@@ -78,6 +79,17 @@ async def test_a_last_word_without_a_first_is_the_acknowledgement(group: Any, wo
     await bench.say(word, reason="why")
     assert bench.acks() == [(21, result)]
     assert word.label in bench.texts()[0]
+
+
+@pytest.mark.parametrize("word", [Word.DENIED, Word.EXPIRED, Word.UNREACHABLE])
+async def test_the_word_of_an_activator_alone_is_no_definite_no(group: Any, word: Word) -> None:
+    """In a fleet that signs, the drone may have got the command, and has said nothing."""
+    for signer, acks in (("fog1", []), ("drone1", [(21, NOT_NOW if word is not Word.DENIED else DENIED)])):
+        bench = Bench(group)
+        await bench.ask(bench.client(), LAND)
+        await bench.say(word, signer=signer)
+        assert bench.acks() == acks
+        assert ("by the word of fog1 alone" in bench.texts()[0]) == (signer == "fog1")
 
 
 async def test_one_drones_commands_without_a_last_word_are_bounded_and_it_can_still_be_halted(group: Any) -> None:
@@ -469,6 +481,19 @@ async def test_control_can_be_taken_and_given_up(group: Any) -> None:
     assert bench.drone.commands == [Land(), Hold()]
 
 
+@pytest.mark.parametrize("params", [(None, 1.0), (255.0, 1.0), (0.5, 1.0), (-1.0, 1.0), (0.0, 1.0), (math.inf, 0.0)])
+async def test_control_is_taken_and_given_up_by_whole_words_only(
+    group: Any, params: tuple[float | None, float]
+) -> None:
+    bench = Bench(group)
+    first, second = bench.client(), bench.client("script", 245)
+    await bench.ask(first, LAND)
+    for client, name in ((second, "script"), (first, "qgc")):
+        await bench.ask(client, Request(REQUEST_OPERATOR_CONTROL, (*params, *[0.0] * 5)))
+        assert bench.acks(name)[-1] == (REQUEST_OPERATOR_CONTROL, DENIED)
+    assert (bench.clients.controllers[1], bench.drone.wanted) == (first, True)
+
+
 async def test_a_drone_of_another_station_is_not_commanded_unless_taken_over(group: Any) -> None:
     for take_over in (False, True):
         bench = Bench(group, take_over)
@@ -521,20 +546,12 @@ async def test_a_client_is_told_that_another_station_has_taken_its_drone(group: 
     assert "gs-ops" in bench.texts()[-1]
 
 
-async def taken(bench: Bench) -> None:
-    """Another station takes the drone."""
-    bench.drone.holder, bench.drone.is_controlled = "gs-ops", False
-    bench.desk.on_taken(1)
-    bench.control.on_taken(cast(Drone, bench.drone), "gs-ops")
-    await bench.settle()
-
-
 async def test_a_takeoff_behind_an_arm_does_not_take_the_drone_back_from_another_station(group: Any) -> None:
     bench = disarmed(group, take_over=True)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
     await bench.ask(client, ARM)
-    await taken(bench)
+    await bench.taken()
     await bench.say(Word.COMPLETED)
     assert (bench.drone.commands, bench.drone.is_controlled) == ([Arm()], False)
     assert bench.texts()[-1] == "takeoff given up: another command came"
@@ -544,7 +561,7 @@ async def test_a_takeoff_that_waits_for_an_arm_is_given_up_where_another_station
     bench = disarmed(group, take_over=True)
     client = bench.client()
     await bench.ask(client, TAKEOFF)
-    await taken(bench)
+    await bench.taken()
     await bench.ask(client, ARM)
     await bench.say(Word.COMPLETED)
     assert bench.drone.commands == [Arm()]

@@ -77,6 +77,17 @@ async def test_a_udp_client_that_listens_is_shown_and_heard_and_nobody_else_is()
         await heard.endpoints.close()
 
 
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+async def test_a_client_that_is_named_twice_is_one_line(host: str) -> None:
+    """It would be taken for two, and each of its commands be heard twice."""
+    heard, port = Heard(), free_port(socket.SOCK_DGRAM)
+    first = ClientAddress("udp", socket.gethostbyname("localhost"), port)
+    with pytest.raises(ConfigurationError, match=f"^--to udp:{host}:{port}: expected once, got twice"):
+        await heard.endpoints.open([first, ClientAddress("udp", host, port)], [])
+    assert len(heard.endpoints.peers) == 1
+    await heard.endpoints.close()
+
+
 async def test_tcp_clients_come_and_go() -> None:
     heard, port = Heard(), free_port(socket.SOCK_STREAM)
     await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt import Airframe, Armed, Drone, Parameters, SetParameter, Word
 from mqttxt.drone.mavlink.px4 import Px4
 from mqttxt.errors import ConfigurationError, FogUnreachable, TransferFailed
+from mqttxt.gateway.clients import Client
 from mqttxt.gateway.modes import ARDUPILOT
 from mqttxt.gateway.parameter_copies import FRESH_MS
 from mqttxt.gateway.parameters import MOST_LISTS, MOST_WAITING, PER_TICK, READINGS
@@ -248,6 +249,34 @@ async def test_the_takeoff_altitude_is_the_gateways_own(bench: Bench) -> None:
     assert (bench.parameter_copies.takeoff_m(1), bench.parameter_copies.takeoff_m(2)) == (25.0, 10.0)
     await bench.send(client, LIST, read("MIS_TAKEOFF_ALT"))
     assert (values(bench)[-1].param_value, values(bench)[-1].param_index) == (25.0, 1)
+
+
+async def test_who_does_not_control_changes_no_takeoff_altitude(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mqttxt.gateway.control.HEARTBEAT_S", 0.001)
+    pilot, watcher = bench.client(), bench.client("watcher", 200)
+    silent = Client(bench.client("silent").peer, 201, 190)
+    await bench.send(pilot, LIST, set_("MPC_XY_CRUISE", 6.0))
+    await bench.send(watcher, set_("MIS_TAKEOFF_ALT", 10_000.0))
+    await bench.send(silent, set_("MIS_TAKEOFF_ALT", 10_000.0))
+    await asyncio.sleep(0.01)
+    await bench.settle()
+    assert errors(bench, "watcher") == errors(bench, "silent") == [("MIS_TAKEOFF_ALT", NOT_ALLOWED)]
+    assert bench.texts("watcher") == ["MIS_TAKEOFF_ALT not set: controlled by system 255 at qgc"]
+    assert "no HEARTBEAT from system 201" in bench.texts("silent")[0]
+    assert bench.parameter_copies.takeoff_m(1) == 10.0
+
+
+async def test_a_takeoff_altitude_that_is_set_is_shown_to_all_who_may_have_the_list(bench: Bench) -> None:
+    client, other = bench.client(), bench.client("mavsdk", 245)
+    await bench.send(client, set_("MIS_TAKEOFF_ALT", 25.0))
+    assert (len(values(bench)), values(bench, "mavsdk")) == (1, []), "a value without its place misleads who waits"
+    await bench.send(other, LIST)
+    bench.pass_time(100)
+    seen = len(values(bench, "mavsdk"))
+    await bench.send(client, set_("MIS_TAKEOFF_ALT", 30.0))
+    (shown,) = values(bench, "mavsdk")[seen:]
+    assert (shown.param_value, shown.param_index, shown.param_count) == (30.0, 1, 5)
+    assert [one.param_value for one in values(bench)] == [25.0, 30.0]
 
 
 async def test_a_client_that_asks_for_ever_is_not_kept_for_ever(bench: Bench) -> None:

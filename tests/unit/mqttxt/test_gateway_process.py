@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import math
 import socket
+import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from typing import Any, cast
@@ -18,6 +19,8 @@ from mqttxt import (
     Armed,
     AutopilotText,
     Battery,
+    Command,
+    CommandId,
     ControlChanged,
     Event,
     FlightMode,
@@ -25,18 +28,25 @@ from mqttxt import (
     Fog,
     GroundStation,
     KnownState,
+    Land,
     Location,
     MavlinkState,
+    Outcome,
+    SentCommand,
     Severity,
     State,
     StateUpdate,
     StationEnded,
     VelocityNed,
+    Word,
 )
+from mqttxt.gateway import process
 from mqttxt.gateway.endpoints import ClientAddress
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.process import SILENT_MS, Gateway
 from mqttxt.gateway.telemetry import LOCAL
+from mqttxt.station.heard import Record
+from mqttxt.station.outcomes import last_word
 
 pytestmark = pytest.mark.long
 
@@ -50,6 +60,7 @@ KNOWN = (
 
 
 class FakeDrone:
+    fog = 1
     holder: str | None = None
     is_controlled = False
 
@@ -69,6 +80,23 @@ class FakeDrone:
 
     def release(self) -> None:
         pass
+
+
+class Commanded(FakeDrone):
+    """A drone that this station controls, and that says nothing."""
+
+    is_controlled = True
+
+    def __init__(self, number: int, *states: State) -> None:
+        super().__init__(number, *states)
+        self.sent: list[Command] = []
+
+    def claim(self) -> None:
+        pass
+
+    def send(self, command: Command, *, ttl_s: float) -> SentCommand[Outcome, Outcome]:
+        self.sent.append(command)
+        return SentCommand(Record(), last_word)
 
 
 class FakeFog:
@@ -140,6 +168,12 @@ class Bench:
         self.clients.append(made)
         return made
 
+    def commanded(self) -> Commanded:
+        """Make drone 1 one that can be commanded."""
+        drone = Commanded(1, *KNOWN)
+        self.fog.drones[0] = drone
+        return drone
+
     def hear(self, state: State, drone: int = 1, age_ms: int | None = 100) -> None:
         self.station.queue.put_nowait(StateUpdate(1, drone, state, 1, age_ms))
 
@@ -147,6 +181,16 @@ class Bench:
 def beats(client: Socket) -> list[int]:
     """The drones whose HEARTBEATs a client has heard."""
     return [message.get_srcSystem() for message in client.messages if message.get_type() == "HEARTBEAT"]
+
+
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+LAND = mavlink.MAVLink_command_long_message(1, 1, 21, 0, *[math.nan] * 7)
+
+
+def suspend(monkeypatch: pytest.MonkeyPatch, seconds: int) -> None:
+    """Suspend the machine, as far as its clocks show: only CLOCK_BOOTTIME goes on."""
+    real, ahead_ns = time.clock_gettime_ns, {time.CLOCK_BOOTTIME: seconds * 10**9}
+    monkeypatch.setattr(time, "clock_gettime_ns", lambda clock: real(clock) + ahead_ns.get(clock, 0))
 
 
 def takeoff_altitude_of(drone: int) -> Any:
@@ -246,6 +290,10 @@ async def test_a_message_of_the_drones_own_passes_but_for_those_that_are_made_he
     attitude = {"time_boot_ms": 7, "roll": 0.5, "pitch": None, "yaw": 0, "rollspeed": 0, "pitchspeed": 0, "yawspeed": 0}
     controls = {"time_usec": 1, "group_mlx": 0, "controls": (0.5, None, *[0.0] * 6)}
     bench.hear(MavlinkState("mavlink/HOME_POSITION", {}))
+    ack = {"command": 400, "result": 0, "progress": 0, "result_param2": 0, "target_system": 0, "target_component": 0}
+    value = {"param_id": "X", "param_value": 1.0, "param_type": 9, "param_count": 1, "param_index": 0}
+    bench.hear(MavlinkState("mavlink/COMMAND_ACK", ack))
+    bench.hear(MavlinkState("mavlink/PARAM_VALUE", value))
     bench.hear(MavlinkState("mavlink/ACTUATOR_CONTROL_TARGET", controls))
     bench.hear(MavlinkState("mavlink/ATTITUDE", attitude))
     bench.hear(MavlinkState("mavlink/STATUSTEXT", {"severity": 6, "text": "raw", "id": 0, "chunk_seq": 0}))
@@ -255,6 +303,7 @@ async def test_a_message_of_the_drones_own_passes_but_for_those_that_are_made_he
     assert (passed.time_boot_ms, passed.roll, passed.pitch != passed.pitch) == (7, 0.5, True)
     assert client.of("ACTUATOR_CONTROL_TARGET")[0].controls[0] == 0.5
     assert client.of("HOME_POSITION") == []
+    assert client.of("COMMAND_ACK") == client.of("PARAM_VALUE") == [], "no client has asked"
 
 
 async def test_a_drone_with_the_id_of_a_client_is_hidden_from_it_alone(
@@ -299,6 +348,79 @@ async def test_what_waits_for_an_arm_ends_where_another_station_takes_the_drone(
     await until(lambda: [text for text in client.of("STATUSTEXT") if "waits" in text.text])
     bench.station.queue.put_nowait(ControlChanged(1, 1, "other", False, 1))
     await until(lambda: [text for text in client.of("STATUSTEXT") if text.text.startswith("takeoff given up")])
+
+
+async def test_who_controls_a_drone_at_another_fog_is_of_no_consequence(bench: Bench) -> None:
+    """The drone has gone from fog 2 to fog 1, where it is flown; fog 2 still has a record of it."""
+    drone, client = bench.commanded(), await bench.client()
+    client.say(HEARTBEAT, LAND)
+    await until(lambda: drone.sent)
+    bench.station.queue.put_nowait(ControlChanged(2, 1, "elsewhere", False, 1))
+    bench.station.queue.put_nowait(ControlChanged(1, 1, "other", False, 1))
+    await until(lambda: client.of("STATUSTEXT"))
+    assert [text.text for text in client.of("STATUSTEXT")] == ["control was taken by the station other"]
+
+
+async def test_the_outcome_that_follows_an_unconfirmed_one_is_a_text(bench: Bench) -> None:
+    clients = await bench.client(), await bench.client(254)
+    for client in clients:
+        await until(lambda client=client: client.messages)
+    for word, settled in ((Word.UNCONFIRMED, False), (Word.COMPLETED, True)):
+        bench.station.queue.put_nowait(Outcome(CommandId(1, 1), 1, 1, "land", word, settled=settled))
+    for client in clients:
+        await until(lambda client=client: client.of("STATUSTEXT"))
+        assert [text.text for text in client.of("STATUSTEXT")] == ["land settled as completed"]
+
+
+# A process that stood still
+
+
+async def test_what_waited_while_the_machine_was_suspended_is_not_executed(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drone, client = bench.commanded(), await bench.client()
+    await until(lambda: client.messages)
+    client.say(HEARTBEAT, LAND)
+    suspend(monkeypatch, 2)
+    await until(lambda: client.of("COMMAND_ACK"))
+    assert (client.of("COMMAND_ACK")[0].result, drone.sent) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
+    await asyncio.sleep(2 * process.DRAINING_MS / 1000)
+    client.say(LAND)
+    await until(lambda: [text for text in client.of("STATUSTEXT") if text.text.startswith("no HEARTBEAT")])
+    assert drone.sent == [], "the HEARTBEAT of then does not count"
+    client.say(HEARTBEAT, LAND)
+    await until(lambda: drone.sent)
+
+
+async def test_as_long_as_much_is_read_at_once_it_is_what_waited(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "DRAINING_MS", 400)
+    drone, client = bench.commanded(), await bench.client()
+    await until(lambda: client.messages)
+    suspend(monkeypatch, 2)
+    for _ in range(40):
+        client.say(*[HEARTBEAT] * 30)
+        await asyncio.sleep(0.02)
+    client.say(LAND)
+    await until(lambda: client.of("COMMAND_ACK"))
+    assert (client.of("COMMAND_ACK")[0].result, drone.sent) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
+
+
+async def test_the_time_in_which_a_command_waited_while_the_machine_was_suspended_counts(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """R4.1: the gateway's clock goes on, that of the event loop does not."""
+    monkeypatch.setattr(process, "DRAINING_MS", 0)
+    drone, client = bench.commanded(), await bench.client()
+    client.say(LAND)
+    await asyncio.sleep(0.1)
+    suspend(monkeypatch, 6)
+    await asyncio.sleep(0.2)
+    client.say(HEARTBEAT)
+    await until(lambda: [ack for ack in client.of("COMMAND_ACK") if ack.result != mavlink.MAV_RESULT_IN_PROGRESS])
+    assert (client.of("COMMAND_ACK")[-1].result, drone.sent) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
+    client.say(LAND)
+    await until(lambda: drone.sent)
+    assert drone.sent == [Land()]
 
 
 async def test_a_stations_end_is_the_gateways(bench: Bench) -> None:

@@ -86,6 +86,13 @@ def test_a_drone_in_flight_is_the_vehicle_that_it_is() -> None:
     assert not version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_FTP
 
 
+def test_a_gateway_that_runs_for_fifty_days_still_sends_positions() -> None:
+    states = {state.name: KnownState(state, 300) for state in FLYING}
+    known = View(3, states, 2**32 + 1000)
+    packet = LOCAL["GLOBAL_POSITION_INT"].make(known).pack(mavlink.MAVLink(None, srcSystem=3, srcComponent=1))
+    assert mavlink.MAVLink(None).decode(bytearray(packet)).time_boot_ms == 700
+
+
 def test_what_is_not_known_is_mavlinks_unknown_or_not_sent() -> None:
     bare = (QUAD, Armed(False), FlightMode(FlightModeName.HOLD))
     for name in ("GLOBAL_POSITION_INT", "VFR_HUD", "GPS_RAW_INT", "BATTERY_STATUS", "HOME_POSITION"):

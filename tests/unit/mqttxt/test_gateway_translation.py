@@ -30,13 +30,14 @@ from mqttxt import (
     State,
     Stream,
     Takeoff,
+    VelocityNed,
 )
 from mqttxt import Mavlink as Raw
 from mqttxt.errors import PayloadError
 from mqttxt.gateway.answers import Answers
 from mqttxt.gateway.modes import ARDUPILOT, PX4
 from mqttxt.gateway.telemetry import Turns, View
-from mqttxt.gateway.translation import UNSUPPORTED, Declined, Request, command_of
+from mqttxt.gateway.translation import NOT_NOW, UNSUPPORTED, Declined, Request, command_of
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.messages import CommandMessage
 
@@ -112,16 +113,54 @@ def test_a_command_is_what_it_means(message: Any, command: Command) -> None:
         (long(176, 1, 6), Return()),
         (long(176, 1, 9), Land()),
         (mavlink.MAVLink_set_mode_message(1, 1, 9), Land()),
+        (mavlink.MAVLink_set_mode_message(1, 129, 4), Hold()),
     ],
 )
 def test_ardupilots_modes_and_takeoff_mean_what_ardupilot_means(message: Any, command: Command) -> None:
     assert told(message, view(HOME, HERE, autopilot=ARDUPILOT)) == command
 
 
+@pytest.mark.parametrize("main", [3, 4, 6, 9])
+def test_a_mode_of_a_px4_is_none_of_an_ardupilot(main: int) -> None:
+    """PX4's POSITION is 3 << 16, and AUTO, which flies the mission, is ArduPilot's 3."""
+    known = replace(view(HOME, HERE, autopilot=ARDUPILOT), named=NAMED)
+    with pytest.raises(Declined, match="mode UNKNOWN"):
+        told(mavlink.MAVLink_set_mode_message(1, 1, main << 16), known)
+
+
+@pytest.mark.parametrize("frame", [1, 2, 4, 7, 8, 9, 10, 12, 20, 21, 255])
+@pytest.mark.parametrize("altitude", [NAN, 20.0])
+def test_a_position_in_another_frame_is_none_on_the_globe(frame: int, altitude: float) -> None:
+    """In a local one these are 10 m north and 20 m east."""
+    with pytest.raises(Declined, match=f"frame {frame}") as declined:
+        told(int_(192, frame, 100_000, 200_000, altitude))
+    assert declined.value.result == UNSUPPORTED
+    assert told(int_(192, frame, INT_MAX, INT_MAX, NAN)) == Hold(), "a hold is a hold in any frame"
+
+
+@pytest.mark.parametrize(
+    ("location_ms", "velocity_ms", "is_recent"),
+    [(6000, None, True), (29_000, 3000, True), (6001, None, False), (29_000, 6001, False), (None, None, False)],
+)
+def test_the_altitude_is_kept_only_of_a_drone_that_was_heard_lately(
+    location_ms: int | None, velocity_ms: int | None, is_recent: bool
+) -> None:
+    """One that stands publishes its location every 30 s, its velocity every 3 s."""
+    ages: tuple[tuple[State, int | None], ...] = ((HERE, location_ms), (VelocityNed(0.0, 0.0, 0.0), velocity_ms))
+    states = {state.name: KnownState(state, age_ms) for state, age_ms in ages if state is HERE or age_ms is not None}
+    message = int_(192, RELATIVE, *PLACE, NAN)
+    if is_recent:
+        assert told(message, View(1, states, 0)) == Goto(47.398, 8.546, 10.0)
+        return
+    with pytest.raises(Declined, match="reposition without an altitude: the drone's own is not known"):
+        told(message, View(1, states, 0))
+
+
 @pytest.mark.parametrize(
     ("message", "mission", "command"),
     [
         (long(300, 0, 0), None, StartMission(NAMED, 1)),
+        (long(300, NAN, 0), None, StartMission(NAMED, 1)),
         (long(300, 3, 0), Mission(2, 1, 6, OTHER), StartMission(NAMED, 4)),
         (ENTER, None, StartMission(NAMED, 1)),
         (ENTER, Mission(3, 2, 6, OTHER), StartMission(NAMED, 1)),
@@ -180,6 +219,11 @@ def test_ardupilots_item_0_is_home(message: Any, command: Command) -> None:
         (long(192, -1, 1, 0, 0, 0, 0, 0), 2, "0, 0"),
         (int_(192, LOCAL, *PLACE, 5.0), UNSUPPORTED, "frame 1"),
         (long(300, 0, 0), 1, "upload or read it first"),
+        (long(300, 2.7), 2, "MISSION_START 2.7.*: expected an item's number"),
+        (long(300, -5), 2, "an item's number"),
+        (long(300, 65_535), 2, "an item's number"),
+        (long(300, float("inf")), 2, "an item's number"),
+        (long(300, -float("inf")), 2, "an item's number"),
         (long(176, 1, 4, 4), 1, "upload or read it first"),
         (long(193, 1), 1, "upload or read it first"),
         (long(193, 2), 2, "0 to pause, 1 to continue"),
@@ -190,6 +234,11 @@ def test_ardupilots_item_0_is_home(message: Any, command: Command) -> None:
         (long(65_000, 1), UNSUPPORTED, "65000"),
         (long(511, 65_000, 1), UNSUPPORTED, "65000"),
         (long(511, NAN, 1), UNSUPPORTED, "None"),
+        (long(511, mavlink.MAVLINK_MSG_ID_COMMAND_ACK, 1), UNSUPPORTED, "COMMAND_ACK: it is not streamed"),
+        (long(511, mavlink.MAVLINK_MSG_ID_PARAM_VALUE, 1), UNSUPPORTED, "PARAM_VALUE"),
+        (long(511, mavlink.MAVLINK_MSG_ID_MISSION_ACK, 1), UNSUPPORTED, "MISSION_ACK"),
+        (long(511, mavlink.MAVLINK_MSG_ID_MISSION_ITEM_REACHED, 1), UNSUPPORTED, "MISSION_ITEM_REACHED"),
+        (long(511, mavlink.MAVLINK_MSG_ID_LOG_DATA, 1), UNSUPPORTED, "LOG_DATA"),
         (int_(195, ABSOLUTE, *PLACE, 5.0), UNSUPPORTED, "COMMAND_LONG"),
     ],
 )
@@ -211,6 +260,25 @@ def test_what_cannot_be_meant_is_declined_by_name(message: Any, result: int, tex
 def test_without_home_or_place_no_height_is_guessed(message: Any, text: str) -> None:
     with pytest.raises(Declined, match=text):
         told(message, view())
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        long(22, 0, 0, 0, 0, 0, 0, 498.0),
+        long(300, 1),
+        long(224, 1),
+        ENTER,
+        mavlink.MAVLink_set_mode_message(1, 1, 9),
+    ],
+)
+def test_without_a_kind_of_autopilot_none_is_guessed(message: Any) -> None:
+    """A UAV client that has restarted publishes its `airframe` a moment later than its other states."""
+    known = View(1, {state.name: KnownState(state, 100) for state in (HOME, HERE)}, 0, NAMED)
+    with pytest.raises(Declined, match="the kind of the drone's autopilot is not known yet") as declined:
+        told(message, known)
+    assert declined.value.result == NOT_NOW
+    assert told(long(21), known) == Land(), "what stops a drone needs no kind"
 
 
 def test_repetitions_are_equal_though_nan_is_not() -> None:

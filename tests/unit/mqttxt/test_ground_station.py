@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 
 from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.core.ledger import KEEP_MS
 from mqttxt.core.settings import Settings
 from mqttxt.drone.answers import Unfinished
 from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.commands import Arm, Command, Goto, Hold
+from mqttxt.protocol.commands import Arm, Command, Goto, Hold, StartMission
 from mqttxt.protocol.control import DroneRecord, Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
@@ -103,6 +104,25 @@ def test_a_lease_is_renewed_at_a_third_and_at_each_activator_session() -> None:
     bench = StationBench()
     assert len(of(bench.until(30_000), "fog1/init_connect")) == 2
     assert len(of(bench.hear("reachable", FogPresence(session=99, up=True)), "fog1/init_connect")) == 1
+
+
+def test_a_closed_mission_keeps_no_command_behind_it() -> None:
+    """It might have lasted four hours, and was superseded at once."""
+    bench = StationBench()
+    bench.send(StartMission(b"m" * 16))
+    bench.result(Word.SUPERSEDED)
+    bench.until(11_000)
+    for seq in range(2, 12):
+        bench.send(Hold())
+        bench.result(Word.COMPLETED, seq)
+    bench.until(12_000)
+    assert len(bench.role.commands.pending) == 11
+    bench.now_ms += KEEP_MS + 300_000
+    bench.role.tick(bench.now_ms)
+    assert [one.command.name for one in bench.role.commands.pending.values()] == ["start_mission"]
+    bench.now_ms += 4 * 3_600_000
+    bench.role.tick(bench.now_ms)
+    assert bench.role.commands.pending == {}
 
 
 def test_without_a_confirmed_registration_or_beacons_nothing_is_sent() -> None:

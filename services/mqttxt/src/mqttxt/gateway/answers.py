@@ -49,7 +49,8 @@ class Answers:
             return [], None
         messages, text = handler(message, client, view)
         if text is not None:
-            self._told_ms = {told: at for told, at in self._told_ms.items() if view.now_ms - at < TEXT_MS}
+            while self._told_ms and view.now_ms - next(iter(self._told_ms.values())) >= TEXT_MS:
+                del self._told_ms[next(iter(self._told_ms))]  # they are in the order of their times
             if (client, view.number, text) in self._told_ms:
                 return messages, None
             self._told_ms[client, view.number, text] = view.now_ms

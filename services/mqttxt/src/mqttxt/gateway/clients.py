@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import dataclass
 
+from ..station.heard import Bell
 from .endpoints import Peer
 
 ALIVE_MS = 3000
@@ -31,24 +31,26 @@ class Clients:
     def __init__(self) -> None:
         self.controllers: dict[int, Client] = {}
         self._heard_ms: dict[Client, int] = {}
-        self._awaited: dict[Client, asyncio.Future[None]] = {}
+        self._bell = Bell()
 
     def on_heartbeat(self, client: Client, now_ms: int) -> None:
         self._heard_ms[client] = now_ms
-        awaited = self._awaited.pop(client, None)
-        if awaited is not None:
-            awaited.set_result(None)
+        self._bell.ring()
 
     async def next_heartbeat(self, client: Client) -> None:
         """Return at a client's next HEARTBEAT; a cancellation ends this wait and no other one."""
-        if client not in self._awaited:
-            self._awaited[client] = asyncio.get_running_loop().create_future()
-        await asyncio.wait({self._awaited[client]})
+        before = self._heard_ms.get(client)
+        while self._heard_ms.get(client) in (None, before):
+            await self._bell.wait()
 
     def forget(self, now_ms: int) -> None:
         """Drop the clients whose HEARTBEAT is older than REMEMBERED_MS."""
         self._heard_ms = {client: at for client, at in self._heard_ms.items() if now_ms - at <= REMEMBERED_MS}
         self.controllers = {drone: who for drone, who in self.controllers.items() if who in self._heard_ms}
+
+    def is_known(self, client: Client) -> bool:
+        """Whether it has sent a HEARTBEAT within REMEMBERED_MS."""
+        return client in self._heard_ms
 
     def is_alive(self, client: Client, now_ms: int) -> bool:
         """Whether its HEARTBEAT is recent enough for it to keep control."""

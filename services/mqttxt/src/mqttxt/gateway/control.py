@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 from collections import defaultdict
 from collections.abc import AsyncIterator, Callable
 
@@ -28,6 +29,7 @@ class ClientControl:
         self._now_ms = now_ms
         self._take_over = take_over
         self._read: defaultdict[int, set[object]] = defaultdict(set)
+        self._taken_ms: dict[int, int] = {}
 
     async def heard(self, client: Client) -> None:
         """Wait for a HEARTBEAT of a client that is not alive; raises Declined without one."""
@@ -39,8 +41,14 @@ class ClientControl:
         except TimeoutError:
             raise Declined(f"no HEARTBEAT from system {client.system}: only who sends them controls") from None
 
-    def check(self, client: Client, drone: Drone) -> None:
-        """Raises Declined if a client may not command a drone."""
+    def knows(self, client: Client) -> bool:
+        """Whether a client sends HEARTBEATs, or did within the last half minute."""
+        return self._clients.is_known(client)
+
+    def check(self, client: Client, drone: Drone, asked_ms: float = math.inf) -> None:
+        """Raises Declined if a client may not command a drone, or if a station took the drone after it asked."""
+        if asked_ms <= self._taken_ms.get(drone.number, -1):
+            raise Declined("given up: another station took the drone")
         other = self._other(client, drone)
         if other is not None and not self._take_over:
             raise Declined(f"controlled by {other}")
@@ -113,6 +121,7 @@ class ClientControl:
 
     def on_taken(self, drone: Drone, holder: str) -> None:
         """Another station controls a drone now: its client gets a text, and does not regain control by waiting."""
+        self._taken_ms[drone.number] = self._now_ms()
         controller = self._clients.controllers.get(drone.number)
         if controller is not None:
             self._give_up(drone)

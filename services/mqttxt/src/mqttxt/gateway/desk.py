@@ -3,27 +3,45 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from ..core.ledger import OVERRIDING
-from ..protocol.commands import Arm, Command, Hold, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
-from ..protocol.states import Armed, Severity
+from ..protocol.codec import encode
+from ..protocol.commands import (
+    Arm,
+    Command,
+    Disarm,
+    Hold,
+    Mavlink,
+    Resume,
+    SetCurrentItem,
+    StartMission,
+    Stream,
+    Takeoff,
+)
+from ..protocol.states import Armed, Severity, VelocityNed
+from ..protocol.words import PASSED_OVER
+from ..station.heard import SentCommand
 from ..station.outcomes import Outcome
 from ..station.views import Drone
 from .answers import ACCEPTED
 from .clients import Client
 from .control import ClientControl
+from .endpoints import Peer
 from .entries import (
     CANCELLED,
     FIRST_PROGRESS_MS,
     GROUND_HOLD_MS,
     MODE_PATIENCE_MS,
+    NUMBERED_REPEAT_MS,
     PROGRESS_MS,
     Arming,
     Entry,
     KeptTakeoff,
+    acknowledge,
     declining,
     is_quiet,
 )
@@ -38,12 +56,17 @@ KEPT_MS = 10_000
 """How long a takeoff waits for its client to arm the drone."""
 ARMED_MS = 3000
 """How long a completed arm outweighs a state that says disarmed: the word may arrive before the state."""
+HEARD_MS = 10_000
+"""How long a drone's silence may last for its state to count as the present one, which says disarmed."""
 MOST_UNDER_WAY = 32
-"""Commands for one drone without a last word; those that halt it are not limited."""
+"""Commands for one drone without a last word; those that stop it are not limited."""
+MOST_OF_STRANGERS = 64
+"""Commands that are remembered of all clients of one socket that send no HEARTBEAT."""
+_STOPPING = (*OVERRIDING, Disarm)
 _BY_THE_PLAN = (Arm, StartMission, Resume, SetCurrentItem)
 """Commands that rely on the plan that their client has uploaded."""
 _BESIDE = (*_BY_THE_PLAN, Takeoff, Stream, Mavlink)
-"""Commands that do not revoke waiting ones of those; any other command of the controlling client does."""
+"""Commands behind which an older one is still sent; behind any other command it is not."""
 
 
 class Desk:
@@ -67,57 +90,74 @@ class Desk:
         self._now_ms = now_ms
         self._group = group
         self._ttl_s = ttl_s
-        self._entries: list[Entry] = []
-        self._newest: dict[int, Entry] = {}
+        self._entries: dict[tuple[Client, int], dict[Request, Entry]] = {}
+        """The open commands and those of the last ten seconds, per client and drone in their order."""
+        self._strangers = Counter[Peer]()
+        self._asked = 0
+        self._newest: dict[int, int] = {}
+        """Per drone the place of the newest command of a client that may command it."""
+        self._earliest: dict[int, int] = {}
+        """Per drone the first place that may still be sent: older commands come too late."""
         self._kept: dict[int, KeptTakeoff] = {}
         self._armings: dict[int, Arming] = {}
         self._ground_holds: dict[int, Entry] = {}
         self._turns: dict[int, asyncio.Lock] = {}
         self._under_way = Counter[int]()
+        self._rising = Counter[int]()
+        self._risen_ms: dict[int, int] = {}
 
-    def on_request(self, client: Client, drone: Drone, request: Request, confirmation: int, takeoff_m: float) -> None:
-        """Carry out a client's command, or acknowledge a repeated one again."""
+    def on_request(
+        self,
+        client: Client,
+        drone: Drone,
+        request: Request,
+        confirmation: int,
+        takeoff_m: float,
+        *,
+        is_late: bool = False,
+    ) -> None:
+        """Carry out a client's command, or acknowledge a repeated one again. A late one is not carried out."""
         view = self._view(drone)
-        open_ones = [entry for entry in self._entries if entry.waits and entry.drone == drone.number]
-        newest = self._newest.get(drone.number)
-        for known in (*open_ones, *([newest] if newest is not None else [])):
-            if known.is_repeated(client, request, confirmation, view.now_ms):
+        own = self._entries.get((client, drone.number), {})
+        known = own.get(request)
+        if known is not None:
+            newest = next(one for one in reversed(own.values()) if one is known or not one.is_declined)
+            if known.is_repeated(confirmation, newest is known, view.now_ms):
                 known.repeat()
                 return
-        entry = Entry(client, drone.number, request, view.now_ms, view.now_ms + FIRST_PROGRESS_MS)
-        self._forget(entry, view.now_ms)
-        self._newest[drone.number] = entry
-        self._entries.append(entry)
+        if not self._control.knows(client):
+            if self._strangers[client.peer] >= MOST_OF_STRANGERS:
+                acknowledge(client, drone.number, request, NOT_NOW)
+                return
+            self._strangers[client.peer] += 1
+        self._asked += 1
+        due_ms = view.now_ms + FIRST_PROGRESS_MS
+        entry = Entry(client, drone.number, request, view.now_ms, due_ms, self._asked, confirmation)
+        self._remember(entry, own)
         try:
+            if is_late:
+                text = f"{name_of(request.mav_cmd)} not sent: it waited while the gateway stood still"
+                raise Declined(text, NOT_NOW)
             if request.mav_cmd == REQUEST_OPERATOR_CONTROL:
                 self._group.create_task(self._change_control(entry, drone))
                 return
-            command = command_of(request, view, takeoff_m)
-            if self._under_way[drone.number] >= MOST_UNDER_WAY and not isinstance(command, OVERRIDING):
-                text = f"{name_of(request.mav_cmd)}: {MOST_UNDER_WAY} commands for this drone have no last word yet"
-                raise Declined(text, NOT_NOW)
+            meant = replace(view, named=self._uploads.mission(client, drone.number))
+            command = command_of(request, meant, takeoff_m)
             entry.is_quiet = is_quiet(request, command)
-            if not isinstance(command, Arm | Stream | Mavlink):
-                self._ground_holds.pop(drone.number, None)
-            if entry.is_quiet and isinstance(command, Hold) and view.get(Armed) == Armed(False):
-                entry.ground_hold = asyncio.get_running_loop().create_future()
-                self._ground_holds[drone.number] = entry
-            self._under_way[drone.number] += 1
-            task = self._group.create_task(self._carry_out(entry, drone, command))
-            task.add_done_callback(lambda _: self._under_way.subtract((drone.number,)))
+            self._group.create_task(self._carry_out(entry, drone, command))
         except Declined as declined:
             entry.decline(declined, self._now_ms())
 
     def on_taken(self, drone: int) -> None:
         """Another station controls a drone now: revoke what still waits, so that it does not take the drone back."""
-        self._newest.pop(drone, None)
-        self._revoke(drone)
+        self._newest[drone] = self._earliest[drone] = self._asked + 1
         if drone in self._kept:
             self._drop_kept(drone)
 
     def tick(self, now_ms: int) -> None:
         """Send IN_PROGRESS for waiting commands; end unanswered ones, modes that waited too long, and kept takeoffs."""
-        for entry in self._entries:
+        self._drop_old(now_ms)
+        for entry in (entry for own in self._entries.values() for entry in own.values()):
             is_silent = entry.waits and not entry.is_answered and not entry.is_kept
             if is_silent and now_ms > entry.asked_ms + self._ttl_s * 1000 + UNANSWERED_MS:
                 entry.end(None, now_ms)
@@ -150,30 +190,72 @@ class Desk:
         client = self._kept.pop(drone).client
         send_text(client.peer, drone, Severity.WARNING, "takeoff given up: no arm followed it")
 
-    def _forget(self, newest: Entry, now_ms: int) -> None:
-        """Forget a client's older commands of the same MAV_CMD: COMMAND_ACK cannot tell them apart."""
-        for entry in self._entries:
-            if (entry.client, entry.drone, entry.request.mav_cmd) == (
-                newest.client,
-                newest.drone,
-                newest.request.mav_cmd,
-            ):
-                entry.waits, entry.ended_ms = False, now_ms
-        self._entries = [entry for entry in self._entries if entry.waits]
+    def _remember(self, newest: Entry, own: dict[Request, Entry]) -> None:
+        """Add a command to its client's `own`; older ones of the same MAV_CMD wait no longer for a COMMAND_ACK.
+
+        COMMAND_ACK cannot tell them apart.
+        """
+        for entry in own.values():
+            if entry.waits and entry.request.mav_cmd == newest.request.mav_cmd:
+                entry.waits, entry.ended_ms = False, newest.asked_ms
+        own.pop(newest.request, None)
+        own[newest.request] = newest
+        self._entries[newest.client, newest.drone] = own
+
+    def _drop_old(self, now_ms: int) -> None:
+        """Forget the commands of which no repetition comes any more."""
+        for key, own in list(self._entries.items()):
+            for entry in list(own.values()):
+                if not entry.waits and now_ms - entry.ended_ms > NUMBERED_REPEAT_MS:
+                    del own[entry.request]
+            if not own:
+                del self._entries[key]
+        self._strangers.clear()
+        for (client, _), own in self._entries.items():
+            if not self._control.knows(client):
+                self._strangers[client.peer] += len(own)
 
     async def _carry_out(self, entry: Entry, drone: Drone, command: Command) -> None:
-        """Carry out a command once its client is alive; a kept takeoff follows an arm."""
+        """Carry out a command once its client is alive and may command; a kept takeoff follows an arm."""
         try:
             with declining(entry, self._now_ms):
                 await self._control.heard(entry.client)
-                await self._begin(entry, drone, command)
+                self._control.check(entry.client, drone)
+                with self._room(entry, command):
+                    self._newest[drone.number] = max(entry.place, self._newest.get(drone.number, 0))
+                    if not isinstance(command, Arm | Stream | Mavlink):
+                        self._ground_holds.pop(drone.number, None)
+                    if entry.is_quiet and isinstance(command, Hold) and self._is_on_ground(drone):
+                        entry.ground_hold = asyncio.get_running_loop().create_future()
+                        self._ground_holds[drone.number] = entry
+                    await self._begin(entry, drone, command)
         finally:
             entry.settle(False)
+
+    @contextlib.contextmanager
+    def _room(self, entry: Entry, command: Command) -> Iterator[None]:
+        """Count a command as under way; raises Declined if there are too many for its drone."""
+        if self._under_way[entry.drone] >= MOST_UNDER_WAY and not isinstance(command, _STOPPING):
+            text = f"{name_of(entry.request.mav_cmd)}: {MOST_UNDER_WAY} commands for this drone have no last word yet"
+            raise Declined(text, NOT_NOW)
+        self._under_way[entry.drone] += 1
+        try:
+            yield
+        finally:
+            self._under_way[entry.drone] -= 1
+
+    def _is_on_ground(self, drone: Drone) -> bool:
+        """Whether a drone is known to be disarmed: no arm or takeoff from here is open, or newer than that state."""
+        view = self._view(drone)
+        is_disarmed = view.get(Armed) == Armed(False) and view.is_recent(Armed, VelocityNed, within_ms=HEARD_MS)
+        is_newer = view.measured_ms(Armed) > self._risen_ms.get(drone.number, -1)
+        return drone.is_reachable and is_disarmed and is_newer and not self._rising[drone.number]
 
     async def _begin(self, entry: Entry, drone: Drone, command: Command) -> None:
         """Send a command in its turn; raises Declined."""
         if isinstance(command, Takeoff) and await self._comes_before_arming(entry, drone):
             self._control.check(entry.client, drone)
+            encode(command)  # raises PayloadError for an altitude that no takeoff has
             self._keep(entry, command)
             return
         if isinstance(command, StartMission | Resume):
@@ -205,9 +287,14 @@ class Desk:
         if arming is None or arming.client != entry.client or arming.is_over.is_set():
             return False
         await arming.is_over.wait()
-        if self._newest.get(drone.number) is not entry:
-            raise Declined(f"{name_of(entry.request.mav_cmd)} given up: another command came", CANCELLED)
+        await self._control.heard(entry.client)
+        if self._is_outdone(entry):
+            raise _given_up(entry)
         return True
+
+    def _is_outdone(self, entry: Entry) -> bool:
+        """Whether a newer command came for its drone, or another station took the drone."""
+        return entry.place < self._newest.get(entry.drone, 0)
 
     async def _behind_ground_hold(self, entry: Entry, drone: Drone) -> None:
         """Wait for the drone's word on a HOLD for which its client has ACCEPTED. This does not count in `ttl_s`.
@@ -221,9 +308,9 @@ class Desk:
         entry.asked_ms = self._now_ms()
         if not hold.ground_hold.result():
             raise Declined("not armed: the drone did not hold first", NOT_NOW)
-        if self._newest.get(drone.number) is not entry or not entry.waits:
-            raise Declined("arm given up: another command came", CANCELLED)
         await self._control.heard(entry.client)
+        if self._is_outdone(entry) or not entry.waits:
+            raise _given_up(entry)
 
     async def _arm(self, entry: Entry, drone: Drone, command: Arm, following: Takeoff | None) -> None:
         arming = self._armings[drone.number] = Arming(entry.client, asyncio.Event())
@@ -237,13 +324,18 @@ class Desk:
             await self._follow(entry, drone, following, last)
 
     async def _follow(self, entry: Entry, drone: Drone, takeoff: Takeoff, arming: Outcome | None) -> None:
-        """Send the takeoff after its arm, unless that failed or something else was commanded meanwhile."""
-        if arming is None or not arming.completed:
-            send_text(entry.client.peer, drone.number, Severity.WARNING, "takeoff given up: the drone is not armed")
-        elif self._newest.get(drone.number) is not entry:
-            send_text(entry.client.peer, drone.number, Severity.WARNING, "takeoff given up: another command came")
-        else:
-            await self._send(replace(entry, waits=False, asked_ms=self._now_ms()), drone, takeoff)
+        """Send the takeoff after its arm, unless that failed, its client is gone, or something else was commanded."""
+        behind = replace(entry, waits=False)
+        with declining(behind, self._now_ms):
+            if arming is None or not arming.completed:
+                raise Declined("takeoff given up: the drone is not armed")
+            await self._control.heard(entry.client)
+            if self._is_outdone(entry):
+                raise Declined("takeoff given up: another command came")
+            if not self._control.has(entry.client, drone):
+                raise Declined("takeoff given up: its client has lost control")
+            behind.asked_ms = self._now_ms()
+            await self._send(behind, drone, takeoff)
 
     async def _send(self, entry: Entry, drone: Drone, command: Command) -> Outcome | None:
         """Send a command once this station controls the drone; returns its last word, None if it was not sent."""
@@ -251,15 +343,35 @@ class Desk:
             if isinstance(command, _BY_THE_PLAN):
                 await self._wait_for_plan(entry, drone)
             async with self._turns.setdefault(drone.number, asyncio.Lock()):
+                self._check_order(entry)
                 self._control.check(entry.client, drone)
+                is_first = not self._control.has(entry.client, drone)
                 await self._control.take(entry.client, drone, self._left_s(entry))
-                if not isinstance(command, _BESIDE):
-                    self._revoke(drone.number)
+                self._check_order(entry)
                 sent = drone.send(command, ttl_s=self._left_s(entry))
+                if is_first or not isinstance(command, _BESIDE):
+                    self._earliest[drone.number] = entry.place
+            return await self._last_word(entry, command, sent)
+        return None
+
+    async def _last_word(self, entry: Entry, command: Command, sent: SentCommand[Outcome, Outcome]) -> Outcome:
+        """Pass the words about a command to its client; returns the last one."""
+        rises = isinstance(command, Arm | Takeoff)
+        self._rising[entry.drone] += rises
+        try:
             async for outcome in sent:
                 entry.hear(command, outcome, self._now_ms())
-            return await sent
-        return None
+            last = await sent
+        finally:
+            self._rising[entry.drone] -= rises
+        if rises and (last.is_of_activator or last.word not in PASSED_OVER):
+            self._risen_ms[entry.drone] = self._now_ms()
+        return last
+
+    def _check_order(self, entry: Entry) -> None:
+        """Raises Declined for a command that waited while a newer one was sent, or while the drone was taken."""
+        if entry.place < self._earliest.get(entry.drone, 0):
+            raise _given_up(entry)
 
     async def _wait_for_plan(self, entry: Entry, drone: Drone) -> None:
         """Wait until the drone has what was uploaded for it; raises Declined if it does not get it.
@@ -272,25 +384,27 @@ class Desk:
             entry.is_kept = True
             await self._uploads.settled(drone.number)
             entry.is_kept, entry.asked_ms = False, self._now_ms()
-            if entry.is_revoked or not entry.waits:
-                raise Declined(f"{what} given up: another command came", CANCELLED)
+            self._check_order(entry)
+            if not entry.waits:
+                raise _given_up(entry)
             await self._control.heard(entry.client)
         self._uploads.check(entry.client, drone.number)
-
-    def _revoke(self, drone: int) -> None:
-        """Revoke a drone's commands that wait for its plan."""
-        for entry in self._entries:
-            entry.is_revoked = entry.is_revoked or (entry.is_kept and entry.drone == drone)
 
     async def _change_control(self, entry: Entry, drone: Drone) -> None:
         """MAV_CMD_REQUEST_OPERATOR_CONTROL: 1 takes control from any holder, 0 gives it up."""
         with declining(entry, self._now_ms):
+            action = entry.request.whole(1)
+            if action not in (0, 1) or (action == 0 and entry.request.params[1]):
+                raise Declined("REQUEST_OPERATOR_CONTROL: expected 1 to take control, or 0 and 0 to give it up")
             await self._control.heard(entry.client)
             async with self._turns.setdefault(drone.number, asyncio.Lock()):
-                if entry.request.whole(1) == 0:
-                    self._control.give_up(entry.client, drone)
-                else:
+                self._check_order(entry)
+                if action == 1:
                     await self._control.take_over(entry.client, drone, self._left_s(entry))
+                if self._control.has(entry.client, drone):
+                    self._earliest[drone.number] = entry.place
+                if action == 0:
+                    self._control.give_up(entry.client, drone)
             entry.end(ACCEPTED, self._now_ms())
 
     def _keep(self, entry: Entry, command: Takeoff) -> None:
@@ -306,3 +420,7 @@ class Desk:
         if left_s <= 0:
             raise Declined(f"{name_of(entry.request.mav_cmd)}: no control in time, not sent", NOT_NOW)
         return left_s
+
+
+def _given_up(entry: Entry) -> Declined:
+    return Declined(f"{name_of(entry.request.mav_cmd)} given up: another command came", CANCELLED)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -15,14 +14,17 @@ from ..protocol.states import Armed, Severity
 from ..station.views import Drone
 from .clients import Client
 from .control import ClientControl
+from .endpoints import Peer
 from .plan_copies import PlanCopies
-from .plan_items import Items, client_list, item_message
+from .plan_items import Items, WrongItem, client_list, item_message
 from .telemetry import View
 from .texts import send_text
 from .translation import Declined
 from .uploads import Uploads
 
 READ_S = 120.0
+MOST_READINGS, MOST_WAITING = 64, 256
+"""Limits of lists that clients behind one socket read, and of clients that wait for one drone's plan."""
 KEPT_MS = 60_000
 """How long a client may pause in a list that it reads: longer than any client repeats a request for an item."""
 
@@ -60,13 +62,15 @@ class Downloads:
         self._now_ms = now_ms
         self._group = group
         self._readings: dict[tuple[Client, int, PlanList], _Reading] = {}
+        self._client_lists: dict[tuple[int, PlanList], Items] = {}
         self._askers: dict[int, set[_Asker]] = {}
 
     def on_list(self, client: Client, drone: Drone, kind: PlanList) -> None:
         """MISSION_REQUEST_LIST: send the count, at once if the list is known; a client that asks again waits on."""
         asker, waiting = _Asker(client, kind), self._askers.get(drone.number)
         if waiting is not None:
-            waiting.add(asker)
+            if len(waiting) < MOST_WAITING:
+                waiting.add(asker)
         elif self._copies.get(drone.number, kind) is None or self._uploads.is_pending(drone.number):
             self._askers[drone.number] = {asker}
             self._group.create_task(self._read(drone))
@@ -102,22 +106,40 @@ class Downloads:
             if error is None:
                 self._answer(asker, drone)
             else:
-                is_no = isinstance(error, Declined)
-                _acknowledge(
-                    asker.client, drone, asker.kind, mavlink.MAV_MISSION_DENIED if is_no else mavlink.MAV_MISSION_ERROR
-                )
-                send_text(asker.client.peer, drone.number, Severity.WARNING, f"{asker.kind.label} not read: {error}")
+                _refuse(asker, drone, error)
 
     def _answer(self, asker: _Asker, drone: Drone) -> None:
         """Send the count of a known list; by it the client learns what the drone has, which settles a failed upload."""
         client, kind = asker.client, asker.kind
-        items = client_list(self._copies.get(drone.number, kind) or (), kind, self._view(drone))
-        self._readings[client, drone.number, kind] = _Reading(items, self._now_ms())
+        known = self._copies.get(drone.number, kind) or ()
+        try:
+            items = client_list(known, kind, self._view(drone))
+        except WrongItem as unknown:
+            _refuse(asker, drone, unknown)
+            return
+        if self._client_lists.get((drone.number, kind)) != items:
+            self._client_lists[drone.number, kind] = items
+        self._make_room(client.peer)
+        self._readings[client, drone.number, kind] = _Reading(self._client_lists[drone.number, kind], self._now_ms())
+        if kind is PlanList.MISSION:
+            self._copies.name(client, drone.number, known)
         self._uploads.forgive(client, drone.number, kind)
-        who = (client.system, client.component)
-        client.peer.send(drone.number, mavlink.MAVLink_mission_count_message(*who, len(items), kind))
+        count = mavlink.MAVLink_mission_count_message(client.system, client.component, len(items), kind)
+        client.peer.send(drone.number, count)
+
+    def _make_room(self, peer: Peer) -> None:
+        """Drop the list that rests longest of the many that are read behind one socket."""
+        there = [key for key in self._readings if key[0].peer is peer]
+        if len(there) >= MOST_READINGS:
+            del self._readings[min(there, key=lambda key: self._readings[key].asked_ms)]
+
+
+def _refuse(asker: _Asker, drone: Drone, error: Declined | MqttxtError | WrongItem) -> None:
+    result = mavlink.MAV_MISSION_DENIED if isinstance(error, Declined) else mavlink.MAV_MISSION_ERROR
+    _acknowledge(asker.client, drone, asker.kind, result)
+    send_text(asker.client.peer, drone.number, Severity.WARNING, f"{asker.kind.label} not read: {error}")
 
 
 def _acknowledge(client: Client, drone: Drone, kind: int, result: int) -> None:
-    who: tuple[Any, ...] = (client.system, client.component)
-    client.peer.send(drone.number, mavlink.MAVLink_mission_ack_message(*who, result, kind))
+    ack = mavlink.MAVLink_mission_ack_message(client.system, client.component, result, kind)
+    client.peer.send(drone.number, ack)

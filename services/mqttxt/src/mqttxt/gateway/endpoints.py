@@ -119,6 +119,12 @@ class Endpoints:
             )
         except OSError as error:
             raise ConfigurationError(f"--to {address}: {error.strerror or error}") from error
+        client = transport.get_extra_info("peername")
+        if client in [other.get_extra_info("peername") for other in self._transports]:
+            transport.close()
+            raise ConfigurationError(
+                f"--to {address}: expected once, got twice: its client's commands would count twice"
+            )
         protocol.peer = Peer(str(address), transport.sendto)
         self._transports.append(transport)
         self.peers.append(protocol.peer)

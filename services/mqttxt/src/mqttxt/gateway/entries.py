@@ -48,11 +48,7 @@ RESULTS: Final[dict[Word, int | None]] = {
     Word.SUPERSEDED: CANCELLED,
     Word.UNCONFIRMED: None,  # the outcome is unknown, and any result would say more than the client's own time-out
 }
-SEVERITIES: Final = {
-    Word.COMPLETED: Severity.INFO,
-    Word.SUPERSEDED: Severity.NOTICE,
-    Word.UNCONFIRMED: Severity.CRITICAL,
-}
+SEVERITIES: Final = {Word.COMPLETED: Severity.INFO, Word.SUPERSEDED: Severity.NOTICE}
 
 
 def is_quiet(request: Request, command: Command) -> bool:
@@ -68,9 +64,9 @@ def is_quiet(request: Request, command: Command) -> bool:
 class Entry:
     """A command of a client; `result` is None until the final acknowledgement, for which it `waits`.
 
-    `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a definite no. `is_kept`: it waits until the drone has its
-    client's plan. `is_revoked`: it is not sent after that wait either. `ground_hold`: for a HOLD before arming, the
-    future of whether the drone accepts it.
+    `place`: its number among all commands, in the order in which clients sent them. `confirmation`: that of the first
+    message. `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a definite no. `is_kept`: it waits until the
+    drone has its client's plan. `ground_hold`: for a HOLD before arming, the future of whether the drone accepts it.
     """
 
     client: Client
@@ -78,6 +74,8 @@ class Entry:
     request: Request
     asked_ms: int
     next_progress_ms: int
+    place: int
+    confirmation: int
     is_quiet: bool = False
     percent: int = PERCENT_UNKNOWN
     result: int | None = None
@@ -85,7 +83,6 @@ class Entry:
     is_answered: bool = False
     is_kept: bool = False
     is_declined: bool = False
-    is_revoked: bool = False
     ground_hold: asyncio.Future[bool] | None = None
     ended_ms: int = 0
 
@@ -101,11 +98,15 @@ class Entry:
         if not self.is_quiet:
             self.acknowledge(IN_PROGRESS, self.percent)
 
-    def is_repeated(self, client: Client, request: Request, confirmation: int, now_ms: int) -> bool:
-        """Whether a request is a repetition of this command."""
-        if (client, request) != (self.client, self.request):
-            return False
-        return self.waits or now_ms - self.ended_ms <= (NUMBERED_REPEAT_MS if confirmation else REPEAT_MS)
+    def is_repeated(self, confirmation: int, is_newest: bool, now_ms: int) -> bool:
+        """Whether an equal request of its client is a repetition; `is_newest`: that client asked nothing else since.
+
+        A client that numbers its repetitions changes `confirmation`. Another one may always send the same number.
+        """
+        since_ms = now_ms - self.ended_ms
+        if confirmation and confirmation != self.confirmation:
+            return self.waits or since_ms <= NUMBERED_REPEAT_MS
+        return self.waits or (is_newest and not self.is_declined and since_ms <= REPEAT_MS)
 
     def hear(self, command: Command, outcome: Outcome, now_ms: int) -> None:
         """Take a word of the drone about it."""
@@ -117,11 +118,11 @@ class Entry:
         elif outcome.word is Word.ACCEPTED:
             self.end(ACCEPTED, now_ms)
         elif outcome.is_last:
-            self.end(RESULTS[outcome.word], now_ms)
+            result = None if outcome.is_of_activator else RESULTS[outcome.word]
+            self.end(result, now_ms)
             if not (isinstance(command, Stream) and outcome.completed):
-                severity = SEVERITIES.get(outcome.word, Severity.WARNING)
-                text = str(replace(outcome, superseded_by=None)).removeprefix(f"drone {self.drone}: ")
-                send_text(self.client.peer, self.drone, severity, text)
+                severity = Severity.CRITICAL if result is None else SEVERITIES.get(outcome.word, Severity.WARNING)
+                send_text(self.client.peer, self.drone, severity, text_of(outcome))
 
     def decline(self, declined: Declined, now_ms: int) -> None:
         """Send a definite no, once."""
@@ -182,9 +183,21 @@ def declining(entry: Entry, now_ms: Callable[[], int]) -> Iterator[None]:
         entry.end(None, now_ms())
 
 
+def text_of(outcome: Outcome) -> str:
+    """An outcome as a text of its drone, whose number it therefore leaves out."""
+    return str(replace(outcome, superseded_by=None)).removeprefix(f"drone {outcome.drone}: ")
+
+
 def acknowledge(client: Client, drone: int, request: Request, result: int, percent: int = 0) -> None:
     """Send COMMAND_ACK to the client that asked, and to no other; a request that was a message of its own gets none."""
     if request.is_message:
         return
-    who = (client.system, client.component)
-    client.peer.send(drone, mavlink.MAVLink_command_ack_message(request.mav_cmd, result, percent, 0, *who))
+    ack = mavlink.MAVLink_command_ack_message(
+        command=request.mav_cmd,
+        result=result,
+        progress=percent,
+        result_param2=0,
+        target_system=client.system,
+        target_component=client.component,
+    )
+    client.peer.send(drone, ack)

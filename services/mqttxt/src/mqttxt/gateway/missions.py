@@ -16,10 +16,10 @@ from .uploads import Uploads
 
 MESSAGES: Final = frozenset(
     {
-        *("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_CLEAR_ALL", "MISSION_ACK"),
-        *("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_WRITE_PARTIAL_LIST"),
+        "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_CLEAR_ALL", "MISSION_ACK",
+        "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_WRITE_PARTIAL_LIST",
     }
-)
+)  # fmt: skip
 _PARTIAL = "a part of a list is not uploaded: upload the whole list"
 
 
@@ -61,7 +61,7 @@ class Missions:
         self._downloads.tick(now_ms)
 
     def _refuse(self, client: Client, drone: Drone, number: int, text: str) -> None:
-        who = (client.system, client.component)
-        refusal = mavlink.MAVLink_mission_ack_message(*who, mavlink.MAV_MISSION_UNSUPPORTED, number)
+        unsupported = mavlink.MAV_MISSION_UNSUPPORTED
+        refusal = mavlink.MAVLink_mission_ack_message(client.system, client.component, unsupported, number)
         client.peer.send(drone.number, refusal)
         send_text(client.peer, drone.number, Severity.WARNING, text)

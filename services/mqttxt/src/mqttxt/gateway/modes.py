@@ -14,10 +14,10 @@ PX4, ARDUPILOT = int(mavlink.MAV_AUTOPILOT_PX4), int(mavlink.MAV_AUTOPILOT_ARDUP
 
 _AUTO = frozenset(
     {
-        *(FlightModeName.HOLD, FlightModeName.MISSION, FlightModeName.RETURN, FlightModeName.LAND),
-        *(FlightModeName.TAKEOFF, FlightModeName.FOLLOW, FlightModeName.PRECISION_LAND, FlightModeName.OFFBOARD),
+        FlightModeName.HOLD, FlightModeName.MISSION, FlightModeName.RETURN, FlightModeName.LAND,
+        FlightModeName.TAKEOFF, FlightModeName.FOLLOW, FlightModeName.PRECISION_LAND, FlightModeName.OFFBOARD,
     }
-)
+)  # fmt: skip
 _BY_ITSELF = mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
 _COMMANDS: Final[dict[int, dict[FlightModeName, Command]]] = {
     PX4: {FlightModeName.HOLD: Hold(), FlightModeName.LAND: Land(), FlightModeName.RETURN: Return()},
@@ -66,9 +66,14 @@ def commandable(autopilot: int) -> str:
     return ", ".join(mode.name for mode in (*modes, *([FlightModeName.MISSION] if modes else []))) or "none"
 
 
+def mode_of(autopilot: int, custom_mode: int) -> FlightModeName:
+    """The mode of a HEARTBEAT's or SET_MODE's custom_mode; UNKNOWN for one that has no name here."""
+    return ardupilot.mode_name(custom_mode) if autopilot == ARDUPILOT else px4.mode_name(custom_mode)
+
+
 def mode_of_command(autopilot: int, main: int, sub: int) -> FlightModeName:
     """The mode that a DO_SET_MODE names, in one number or, for PX4, two; UNKNOWN for one that has no name here."""
     if autopilot == ARDUPILOT:
-        return ardupilot.mode_name(main)
+        return mode_of(autopilot, main)
     is_byte = 0 <= main <= 0xFF and 0 <= sub <= 0xFF
-    return px4.mode_name(main << 16 | sub << 24) if is_byte else FlightModeName.UNKNOWN
+    return mode_of(autopilot, main << 16 | sub << 24) if is_byte else FlightModeName.UNKNOWN

@@ -116,7 +116,7 @@ class ClientParameters:
         if question.name == TAKEOFF_ALTITUDE:
             question.client.peer.send(number, self._copies.message(number, autopilot, self._copies.own(number)))
         elif waiting is not None:
-            if len(waiting) < MOST_WAITING:
+            if self._has_room(question.client, [other.client for other in waiting], MOST_WAITING):
                 waiting[question] = None
         elif self._copies.is_fresh(number, self._now_ms()):
             self._answer(question, number, self._copies.shown(number, autopilot))
@@ -177,5 +177,11 @@ class ClientParameters:
             send_text(client.peer, drone, Severity.WARNING, f"parameters not read: {why}")
 
     def _begin_list(self, client: Client, drone: int, shown: Shown) -> None:
-        if (client, drone) in self._lists or len(self._lists) < MOST_LISTS:
+        others = [other for other, _ in self._lists]
+        if (client, drone) in self._lists or self._has_room(client, others, MOST_LISTS):
             self._lists[client, drone] = _List(shown)
+
+    def _has_room(self, client: Client, others: list[Client], most: int) -> bool:
+        """Whether a client finds room beside others: who sends no HEARTBEAT takes none from who does."""
+        is_known = self._control.knows(client)
+        return sum(self._control.knows(other) == is_known for other in others) < most

@@ -3,45 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from weakref import WeakKeyDictionary
 
 from ..protocol.plans import PlanList, list_hash
 from ..protocol.states import Fence, Mission, State
+from .clients import Client
+from .endpoints import Peer
 from .plan_items import Items
 
 
+@dataclass(frozen=True)
+class _Copy:
+    items: Items
+
+    @cached_property
+    def hash(self) -> bytes:
+        return list_hash(self.items)
+
+
 class PlanCopies:
-    """The lists of all drones, by their numbers."""
+    """The lists of all drones, by their numbers, and the missions that clients mean, until their sockets close."""
 
     def __init__(self) -> None:
-        self._lists: dict[int, dict[PlanList, Items]] = {}
-        self._named: dict[int, bytes] = {}
+        self._lists: dict[int, dict[PlanList, _Copy]] = {}
+        self._named: WeakKeyDictionary[Peer, dict[tuple[int, int, int], bytes]] = WeakKeyDictionary()
 
     def get(self, drone: int, kind: PlanList) -> Items | None:
         """A list as the drone has it; None if it is not known."""
-        return self._lists.get(drone, {}).get(kind)
+        known = self._lists.get(drone, {}).get(kind)
+        return None if known is None else known.items
 
     def put(self, drone: int, lists: Mapping[PlanList, Items]) -> None:
         """Store lists that were read from the drone, or that it has verified."""
-        self._lists.setdefault(drone, {}).update(lists)
-        self.name(drone, lists)
+        self._lists.setdefault(drone, {}).update({kind: _Copy(items) for kind, items in lists.items()})
 
-    def name(self, drone: int, lists: Mapping[PlanList, Items]) -> None:
-        """Note the mission that clients mean from now on, whether or not the drone has it."""
-        if PlanList.MISSION in lists:
-            self._named[drone] = list_hash(lists[PlanList.MISSION])
+    def name(self, client: Client, drone: int, mission: Items) -> None:
+        """Note the mission that a client means from now on, whether or not the drone has it."""
+        known = self._lists.get(drone, {}).get(PlanList.MISSION)
+        named = known.hash if known is not None and known.items is mission else list_hash(mission)
+        self._named.setdefault(client.peer, {})[client.system, client.component, drone] = named
 
-    def mission(self, drone: int) -> bytes | None:
-        """The hash of the mission that clients mean: the last one uploaded or read, however old."""
-        return self._named.get(drone)
+    def mission(self, client: Client, drone: int) -> bytes | None:
+        """The hash of the mission that a client means: the last one that it uploaded or read, however old."""
+        return self._named.get(client.peer, {}).get((client.system, client.component, drone))
 
     def forget(self, drone: int) -> None:
-        """Drop the lists, which may have changed. The mission that clients mean stays: the drone refuses another."""
+        """Drop the lists, which may have changed. The missions that clients mean stay: the drone refuses another."""
         self._lists.pop(drone, None)
-
-    def disown(self, drone: int) -> None:
-        """An upload failed: drop the lists, and the mission that clients meant."""
-        self.forget(drone)
-        self._named.pop(drone, None)
 
     def on_state(self, drone: int, state: State) -> None:
         """Drop the copies if a mission or fence differs: another client uploaded it, or it has not been read again."""
@@ -51,6 +61,6 @@ class PlanCopies:
             kind, found = PlanList.FENCE, state.fence
         else:
             return
-        known = self.get(drone, kind)
-        if known is not None and found != list_hash(known):
+        known = self._lists.get(drone, {}).get(kind)
+        if known is not None and found != known.hash:
             self.forget(drone)

@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from ..drone.mavlink.mission_protocol import FENCE_CIRCLES, FENCE_CORNERS, item_of, message_of
 from ..protocol.plans import MOST_ITEMS, PlanItem, PlanList
-from ..protocol.states import Home
-from .telemetry import View
+from ..protocol.states import Airframe, Home
+from .telemetry import UNKNOWN_AUTOPILOT, View
 
 Items = tuple[PlanItem, ...]
 _GLOBAL, _NO_PLACE = int(mavlink.MAV_FRAME_GLOBAL), int(mavlink.MAV_FRAME_MISSION)
@@ -40,8 +40,15 @@ class WrongItem(Exception):
 
 
 def home_items(kind: PlanList, view: View) -> int:
-    """How many items precede the plan's own in a client's list: with ArduPilot home is item 0 of a mission."""
-    return view.home_items if kind is PlanList.MISSION else 0
+    """How many items precede the plan's own in a client's list: with ArduPilot home is item 0 of a mission.
+
+    Raises WrongItem while the kind of autopilot is not known.
+    """
+    if kind is not PlanList.MISSION:
+        return 0
+    if view.get(Airframe) is None:
+        raise WrongItem(mavlink.MAV_MISSION_ERROR, UNKNOWN_AUTOPILOT)
+    return view.home_items
 
 
 def check_count(count: int, kind: PlanList) -> None:
@@ -132,15 +139,15 @@ def _check_polygons(items: Items) -> None:
 
 
 def client_list(items: Items, kind: PlanList, view: View) -> Items:
-    """A plan's list as the drone's clients see it."""
+    """A plan's list as the drone's clients see it; raises WrongItem as `home_items`."""
     before = home_items(kind, view)
     if not before or not items:
         return tuple(_jumping(item, -1) for item in items)
     home = view.get(Home)
-    place = (0, 0, 0.0)
+    x, y, z = 0, 0, 0.0
     if home is not None:
-        place = (round(home.latitude_deg * _DEGREES), round(home.longitude_deg * _DEGREES), home.altitude_amsl_m)
-    first = PlanItem(_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), *place, True)
+        x, y, z = round(home.latitude_deg * _DEGREES), round(home.longitude_deg * _DEGREES), home.altitude_amsl_m
+    first = PlanItem(_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), x, y, z, autocontinue=True)
     return (first, *items)
 
 
@@ -150,10 +157,23 @@ def item_message(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanLi
     if as_int:
         return message
     scale = _DEGREES if item.frame in _INT_FRAMES else 1
+    system, component = target
     return mavlink.MAVLink_mission_item_message(
-        *(*target, seq, item.frame, item.command, message.current, message.autocontinue),
-        *(message.param1, message.param2, message.param3, message.param4),
-        *(item.x / scale, item.y / scale, message.z, kind),
+        target_system=system,
+        target_component=component,
+        seq=seq,
+        frame=item.frame,
+        command=item.command,
+        current=message.current,
+        autocontinue=message.autocontinue,
+        param1=message.param1,
+        param2=message.param2,
+        param3=message.param3,
+        param4=message.param4,
+        x=item.x / scale,
+        y=item.y / scale,
+        z=message.z,
+        mission_type=kind,
     )
 
 

@@ -10,6 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from ..core.clock import SessionClock
+from ..core.hearing import STALL_MS
 from ..drone.mavlink.plans import AUTOPILOT_COMPONENT
 from ..errors import MqttxtError
 from ..protocol.mavlink_states import kinds
@@ -26,7 +28,7 @@ from ..protocol.states import (
 )
 from ..protocol.topics import MAVLINK_STATE
 from ..station.ground_station import GroundStation
-from ..station.outcomes import ControlChanged, Reachability, StateUpdate
+from ..station.outcomes import ControlChanged, Outcome, Reachability, StateUpdate
 from ..station.views import Drone, Fog
 from .answers import Answers
 from .clients import Client, Clients
@@ -34,7 +36,7 @@ from .control import ClientControl
 from .desk import Desk
 from .downloads import Downloads
 from .endpoints import ClientAddress, Endpoints, Peer
-from .entries import acknowledge
+from .entries import acknowledge, text_of
 from .missions import MESSAGES, Missions
 from .parameter_copies import ParameterCopies
 from .parameters import MESSAGES as PARAMETER_MESSAGES
@@ -43,7 +45,7 @@ from .plan_copies import PlanCopies
 from .settings import Settings
 from .telemetry import LOCAL, Turns, View
 from .texts import send_text
-from .translation import Request
+from .translation import Request, is_of_protocol
 from .uploads import Uploads
 
 logger = logging.getLogger("mqttxt.gateway")
@@ -56,6 +58,10 @@ TEXT_AGE_MS = 10_000
 """The age from which on a text is not shown: it was meant for earlier clients."""
 CONFLICT_MS = 10_000
 """How long a drone stays hidden at a socket after a client there has used its id."""
+DRAINING_MS = 500
+"""How long a process that stood still takes to read what its clients have sent meanwhile."""
+MOST_PER_TICK = 20
+"""Messages in one tick above which they are those that waited: clients send a few per second, as they come."""
 _COMMANDS = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_SET_CURRENT")
 _AT_ONCE = {
     Armed.name: "HEARTBEAT",
@@ -87,7 +93,8 @@ class Gateway:
         self._shown: set[int] = set()
         self._unknown: set[int] = set()
         self._conflicts: dict[tuple[Peer, int], int] = {}
-        self._start_s = asyncio.get_running_loop().time()
+        self._clock = SessionClock()
+        self._ticked_ms = self._late_until_ms = self._late = 0
         self._copies = PlanCopies()
         self._parameter_copies = ParameterCopies()
         self._reached: dict[int, int] = {}
@@ -104,7 +111,7 @@ class Gateway:
                 uploads = Uploads(self._control, self._copies, self._view, self._now_ms, group, self._ttl_s)
                 downloads = Downloads(self._control, self._copies, uploads, self._view, self._now_ms, group)
                 self._missions = Missions(uploads, downloads)
-                settings = Settings(self._control, self._parameter_copies, self._now_ms, group, self._ttl_s)
+                settings = Settings(self._control, self._parameter_copies, self._send, self._now_ms, group, self._ttl_s)
                 self._parameters = ClientParameters(
                     self._control, self._parameter_copies, settings, self._view, self._now_ms, group
                 )
@@ -119,10 +126,10 @@ class Gateway:
             await self._endpoints.close()
 
     def _now_ms(self) -> int:
-        return round((asyncio.get_running_loop().time() - self._start_s) * 1000)
+        return self._clock.now_ms()
 
     def _view(self, drone: Drone) -> View:
-        return View(drone.number, drone.states, self._now_ms(), self._copies.mission(drone.number))
+        return View(drone.number, drone.states, self._now_ms())
 
     def _drones(self) -> dict[int, Drone]:
         """Every drone by its number; one that two fogs know, as seen by the fog that reaches it."""
@@ -140,12 +147,18 @@ class Gateway:
             elif isinstance(event, Reachability) and not event.reachable:
                 self._forget(event.drone)
             elif isinstance(event, ControlChanged) and not event.mine and event.holder is not None:
-                self._forget(event.drone)
-                drone = self._drones().get(event.drone)
-                if self._desk is not None:
-                    self._desk.on_taken(event.drone)
-                if drone is not None:
-                    self._control.on_taken(drone, event.holder)
+                self._on_taken(event, event.holder)
+            elif isinstance(event, Outcome) and event.settled and event.drone is not None:
+                for peer in self._audience(event.drone):
+                    send_text(peer, event.drone, Severity.WARNING, text_of(event))
+
+    def _on_taken(self, event: ControlChanged, holder: str) -> None:
+        """Another station controls a drone at a fog; that counts only at the fog by which the drone is commanded."""
+        self._forget(event.drone)
+        drone = self._drones().get(event.drone)
+        if drone is not None and drone.fog == event.fog and self._desk is not None:
+            self._desk.on_taken(event.drone)
+            self._control.on_taken(drone, holder)
 
     def _forget(self, drone: int) -> None:
         """Invalidate the copies of a drone's plan and parameters, which may have changed."""
@@ -162,8 +175,10 @@ class Gateway:
         elif isinstance(state, AutopilotText) and update.age_ms is not None and update.age_ms <= TEXT_AGE_MS:
             for peer in self._audience(update.drone):
                 send_text(peer, update.drone, state.severity, state.text)
-        elif isinstance(state, MavlinkState) and state.name.removeprefix(MAVLINK_STATE) not in LOCAL:
-            self._send(update.drone, [_as_message(state)])
+        elif isinstance(state, MavlinkState):
+            name = state.name.removeprefix(MAVLINK_STATE)
+            if name not in LOCAL and not is_of_protocol(name):
+                self._send(update.drone, [_as_message(state)])
 
     def _on_progress(self, drone: int, reached: int) -> None:
         """Send MISSION_ITEM_REACHED, once per item."""
@@ -180,6 +195,7 @@ class Gateway:
         next_review_ms = 0
         while True:
             now_ms, drones = self._now_ms(), self._drones()
+            self._notice(now_ms)
             for drone in drones.values():
                 self._show(drone)
             self._desk.tick(now_ms)
@@ -192,6 +208,22 @@ class Gateway:
                 for drone in drones.values():
                     self._control.review(drone, self._view(drone).get(Armed))
             await asyncio.sleep(TICK_S)
+
+    def _notice(self, now_ms: int) -> None:
+        """Notice that the process stood still since the last tick, or still reads what waited in that time."""
+        pause_ms = now_ms - self._ticked_ms
+        if pause_ms > STALL_MS:
+            logger.warning("stood still for %.1f s: what clients sent meanwhile is not executed", pause_ms / 1000)
+        if pause_ms > STALL_MS or self._late > MOST_PER_TICK:
+            self._late_until_ms = now_ms + DRAINING_MS
+        self._ticked_ms, self._late = now_ms, 0
+
+    def _is_late(self) -> bool:
+        """Whether a message that is read now may have waited while the process stood still."""
+        now_ms = self._now_ms()
+        is_late = now_ms < self._late_until_ms or now_ms - self._ticked_ms > STALL_MS
+        self._late += is_late
+        return is_late
 
     def _show(self, drone: Drone) -> None:
         due = self._turns.due(drone.number, self._now_ms())
@@ -222,9 +254,11 @@ class Gateway:
     def _on_message(self, peer: Peer, message: Any) -> None:
         """Handle a client's message. Ignored are those to no drone here, and from a client with a drone's id."""
         client = Client(peer, message.get_srcSystem(), message.get_srcComponent())
-        drones, kind = self._drones(), message.get_type()
+        drones, kind, is_late = self._drones(), message.get_type(), self._is_late()
         if client.system in drones:
             self._refuse(client)
+            return
+        if is_late and kind not in _COMMANDS:
             return
         if kind == "HEARTBEAT":
             self._clients.on_heartbeat(client, self._now_ms())
@@ -236,7 +270,7 @@ class Gateway:
         if self._desk is None or self._missions is None or self._parameters is None:
             return
         if kind in _COMMANDS:
-            self._on_command(client, drone, message)
+            self._on_command(client, drone, message, is_late)
             return
         if kind in MESSAGES:
             self._missions.on_message(client, drone, message)
@@ -250,13 +284,14 @@ class Gateway:
         if text is not None:
             send_text(peer, drone.number, Severity.WARNING, text)
 
-    def _on_command(self, client: Client, drone: Drone, message: Any) -> None:
+    def _on_command(self, client: Client, drone: Drone, message: Any, is_late: bool) -> None:
         assert self._desk is not None
         request = Request.of(message)
         answer = self._answers.on_command(request, self._view(drone))
         if answer is None:
             confirmation = getattr(message, "confirmation", 0)
-            self._desk.on_request(client, drone, request, confirmation, self._parameter_copies.takeoff_m(drone.number))
+            takeoff_m = self._parameter_copies.takeoff_m(drone.number)
+            self._desk.on_request(client, drone, request, confirmation, takeoff_m, is_late=is_late)
             return
         result, wanted = answer
         acknowledge(client, drone.number, request, result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -64,19 +65,21 @@ class Settings:
         self,
         control: ClientControl,
         copies: ParameterCopies,
+        send_to_all: Callable[[int, list[Any]], None],
         now_ms: Callable[[], int],
         group: asyncio.TaskGroup,
         ttl_s: float,
     ) -> None:
         self._control = control
         self._copies = copies
+        self._send_to_all = send_to_all
         self._now_ms = now_ms
         self._group = group
         self._ttl_s = ttl_s
         self._newest: dict[tuple[Client, int, str], Setting] = {}
         self._completed: dict[tuple[int, str], int] = {}
         self._sent = 0
-        self._open = 0
+        self._open = Counter[bool]()
         self._turns: dict[int, asyncio.Lock] = {}
 
     def on_set(self, client: Client, drone: Drone, autopilot: Autopilot, message: Any) -> None:
@@ -84,8 +87,6 @@ class Settings:
         name, wanted = str(message.param_id), parameter_of(message, autopilot.bytewise)
         if wanted is None or wanted.value is None:
             self._refuse(client, drone.number, name, WRONG_VALUE, "expected a number that its type has")
-        elif name == TAKEOFF_ALTITUDE:
-            self._set_own(client, drone.number, autopilot, wanted.value)
         else:
             self._set(Setting(client, drone.number, wanted, self._now_ms()), drone, autopilot)
 
@@ -93,27 +94,24 @@ class Settings:
         """Forget the settings that ended long ago."""
         self._newest = {key: one for key, one in self._newest.items() if one.is_repeated(now_ms)}
 
-    def _set_own(self, client: Client, drone: int, autopilot: Autopilot, value: float) -> None:
-        if self._copies.set_takeoff(drone, value):
-            client.peer.send(drone, self._copies.message(drone, autopilot, self._copies.own(drone)))
-        else:
-            expected = f"expected {LOWEST_M:g} to {HIGHEST_M:g} metres above home"
-            self._refuse(client, drone, TAKEOFF_ALTITUDE, WRONG_VALUE, expected)
-
     def _set(self, setting: Setting, drone: Drone, autopilot: Autopilot) -> None:
         key = (setting.client, setting.drone, setting.wanted.name)
-        newest = self._newest.get(key)
+        newest = self._newest.get(key) if setting.wanted.name != TAKEOFF_ALTITUDE else None
         if newest is not None and newest.wanted == setting.wanted and newest.is_repeated(setting.asked_ms):
             if newest.answer is not None:
                 newest.client.peer.send(newest.drone, newest.answer)
-        elif self._open < MOST_OPEN:
-            self._open += 1
+        elif self._open[is_known := self._control.knows(setting.client)] < MOST_OPEN:
+            self._open[is_known] += 1
             self._newest[key] = setting
-            self._group.create_task(self._carry_out(setting, drone, autopilot))
+            task = self._group.create_task(self._carry_out(setting, drone, autopilot))
+            task.add_done_callback(lambda _: self._open.subtract((is_known,)))
 
     async def _carry_out(self, setting: Setting, drone: Drone, autopilot: Autopilot) -> None:
         try:
-            self._hear(setting, await self._last_word(setting, drone), autopilot)
+            if setting.wanted.name == TAKEOFF_ALTITUDE:
+                await self._set_own(setting, drone, autopilot)
+            else:
+                self._hear(setting, await self._last_word(setting, drone), autopilot)
         except Declined as declined:
             self._end(setting, None if declined.result == NOT_NOW else NOT_ALLOWED, str(declined))
         except ConfigurationError as error:
@@ -125,14 +123,27 @@ class Settings:
         except (StationEnded, BrokerRefused):
             pass  # the outcome is unknown; the client's own time-out says so
         finally:
-            self._open -= 1
             setting.ended_ms = self._now_ms()
+
+    async def _set_own(self, setting: Setting, drone: Drone, autopilot: Autopilot) -> None:
+        """Set the gateway's own parameter, and show it to all who have the drone's list. Raises Declined."""
+        await self._control.heard(setting.client)
+        self._control.check(setting.client, drone)
+        assert setting.wanted.value is not None
+        if not self._copies.set_takeoff(drone.number, setting.wanted.value):
+            self._end(setting, WRONG_VALUE, f"expected {LOWEST_M:g} to {HIGHEST_M:g} metres above home")
+            return
+        value = self._copies.message(drone.number, autopilot, self._copies.own(drone.number))
+        if self._copies.last(drone.number) is None:  # its place is not known, which confuses who waits for the list
+            setting.client.peer.send(drone.number, value)
+        else:
+            self._send_to_all(drone.number, [value])
 
     async def _last_word(self, setting: Setting, drone: Drone) -> Outcome:
         """Send a setting once the client has control; returns the last word. Raises Declined, and as `Drone.send`."""
         await self._control.heard(setting.client)
         async with self._turns.setdefault(drone.number, asyncio.Lock()):
-            self._control.check(setting.client, drone)
+            self._control.check(setting.client, drone, setting.asked_ms)
             await self._control.take(setting.client, drone, self._left_s(setting))
             assert setting.wanted.value is not None
             self._sent += 1

@@ -55,6 +55,11 @@ MAVProxy takes an unhealthy geofence, present or not, for a breach.
 """
 _BATTERY_CELLS, _BATTERY_CELLS_EXT = 10, 4
 
+UNKNOWN_AUTOPILOT = "the kind of the drone's autopilot is not known yet"
+RECENT_MS = 6000
+"""How old the newest of several states may be for all of them to hold: a drone publishes `velocity` every 3 s at least,
+and its other states when they change."""
+
 AState = TypeVar("AState", bound=VitalState)
 
 
@@ -62,7 +67,7 @@ AState = TypeVar("AState", bound=VitalState)
 class View:
     """What the station knows of a drone now; `now_ms` is of the gateway's clock.
 
-    `named`: the hash of the mission that clients uploaded or read last; None before the first.
+    `named`: the hash of the mission that the client in question uploaded or read last; None before the first.
     """
 
     number: int
@@ -74,6 +79,11 @@ class View:
         """The newest state of a kind."""
         known = self.states.get(kind.name)
         return None if known is None else cast("AState", known.state)
+
+    def is_recent(self, *kinds: type[VitalState], within_ms: int = RECENT_MS) -> bool:
+        """Whether a state of one of these kinds is at most `within_ms` old."""
+        ages_ms = (known.age_ms for kind in kinds if (known := self.states.get(kind.name)) is not None)
+        return any(age_ms is not None and age_ms <= within_ms for age_ms in ages_ms)
 
     @property
     def home_items(self) -> int:
@@ -147,14 +157,17 @@ def _position(view: View) -> Any | None:
     location, velocity, heading = view.get(Location), view.get(VelocityNed), view.get(Heading)
     if location is None or velocity is None:
         return None
-    speeds = (velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)
+    latitude, longitude = _degrees(location)
     return mavlink.MAVLink_global_position_int_message(
-        view.measured_ms(Location),
-        *_degrees(location),
-        round(location.altitude_amsl_m * 1000),
-        round(location.altitude_m * 1000),
-        *(round(speed * 100) for speed in speeds),
-        UNKNOWN_U16 if heading is None else round(heading.heading_deg * 100),
+        time_boot_ms=view.measured_ms(Location) % 2**32,
+        lat=latitude,
+        lon=longitude,
+        alt=round(location.altitude_amsl_m * 1000),
+        relative_alt=round(location.altitude_m * 1000),
+        vx=round(velocity.north_m_s * 100),
+        vy=round(velocity.east_m_s * 100),
+        vz=round(velocity.down_m_s * 100),
+        hdg=UNKNOWN_U16 if heading is None else round(heading.heading_deg * 100),
     )
 
 
@@ -183,20 +196,37 @@ def _home(view: View) -> Any | None:
     home = view.get(Home)
     if home is None:
         return None
-    here = (*_degrees(home), round(home.altitude_amsl_m * 1000))
-    return mavlink.MAVLink_home_position_message(*here, NAN, NAN, NAN, [NAN] * 4, NAN, NAN, NAN)
+    latitude, longitude = _degrees(home)
+    return mavlink.MAVLink_home_position_message(
+        latitude=latitude,
+        longitude=longitude,
+        altitude=round(home.altitude_amsl_m * 1000),
+        x=NAN,
+        y=NAN,
+        z=NAN,
+        q=[NAN] * 4,
+        approach_x=NAN,
+        approach_y=NAN,
+        approach_z=NAN,
+    )
 
 
 def _gps(view: View) -> Any | None:
     gps, location = view.get(Gps), view.get(Location)
     if gps is None or (location is None and gps.fix > GpsFix.NO_FIX):
         return None
-    place = (0, 0, 0) if location is None else (*_degrees(location), round(location.altitude_amsl_m * 1000))
-    hdop = UNKNOWN_U16 if gps.hdop is None else round(gps.hdop * 100)
-    satellites = UNKNOWN_U8 if gps.satellites is None else gps.satellites
-    unknown = (UNKNOWN_U16, UNKNOWN_U16, UNKNOWN_U16)
+    latitude, longitude = (0, 0) if location is None else _degrees(location)
     return mavlink.MAVLink_gps_raw_int_message(
-        view.measured_ms(Gps) * 1000, gps.fix, *place, hdop, *unknown, satellites
+        time_usec=view.measured_ms(Gps) * 1000,
+        fix_type=gps.fix,
+        lat=latitude,
+        lon=longitude,
+        alt=0 if location is None else round(location.altitude_amsl_m * 1000),
+        eph=UNKNOWN_U16 if gps.hdop is None else round(gps.hdop * 100),
+        epv=UNKNOWN_U16,
+        vel=UNKNOWN_U16,
+        cog=UNKNOWN_U16,
+        satellites_visible=UNKNOWN_U8 if gps.satellites is None else gps.satellites,
     )
 
 

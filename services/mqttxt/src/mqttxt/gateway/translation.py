@@ -25,10 +25,10 @@ from ..protocol.commands import (
     Takeoff,
 )
 from ..protocol.mavlink_states import kinds
-from ..protocol.states import Airframe, FlightModeName, Home, Location, Mission
+from ..protocol.states import Airframe, FlightModeName, Home, Location, Mission, VelocityNed
 from ..protocol.topics import MAVLINK_STATE
-from .modes import ARDUPILOT, command_for, commandable, mode_of_command
-from .telemetry import View
+from .modes import ARDUPILOT, command_for, commandable, mode_of, mode_of_command
+from .telemetry import UNKNOWN_AUTOPILOT, View
 
 DENIED, UNSUPPORTED = int(mavlink.MAV_RESULT_DENIED), int(mavlink.MAV_RESULT_UNSUPPORTED)
 NOT_NOW = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
@@ -38,6 +38,10 @@ _PAUSE, _CONTINUE = 0, 1
 _INT32_MAX = 2**31 - 1
 _ABOVE_SEA: Final = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
 _ABOVE_HOME: Final = frozenset({mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
+_OF_PROTOCOLS: Final = (
+    "AUTH_", "CHANGE_OPERATOR_", "COMMAND_", "FILE_", "LOG", "MANUAL_", "MISSION_", "PARAM_",
+    "PING", "RC_CHANNELS_OVERRIDE", "REQUEST_", "SET", "TIMESYNC",
+)  # fmt: skip
 
 
 class Declined(Exception):
@@ -52,13 +56,15 @@ class Declined(Exception):
 class Request:
     """A command as a client sent it. `params` are seven, None where not set; `frame` is None for a COMMAND_LONG.
 
-    `is_message`: it arrived as a message of its own, which no COMMAND_ACK answers.
+    `is_message`: it arrived as a message of its own, which no COMMAND_ACK answers. `is_whole_mode`: it names a mode by
+    HEARTBEAT's custom_mode, as SET_MODE does; DO_SET_MODE has that of a PX4 in two parameters.
     """
 
     mav_cmd: int
     params: tuple[float | None, ...]
     frame: int | None = None
     is_message: bool = False
+    is_whole_mode: bool = False
 
     @classmethod
     def of(cls, message: Any) -> Request:
@@ -68,9 +74,8 @@ class Request:
             number = int(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT)
             return cls(number, (float(message.seq), *[None] * 6), is_message=True)
         if kind == "SET_MODE":
-            main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
-            params = (message.base_mode, *((main, sub) if main or sub else (message.custom_mode, 0)))
-            return cls(int(mavlink.MAV_CMD_DO_SET_MODE), (*map(float, params), *[None] * 4))
+            params = (float(message.base_mode), float(message.custom_mode), *[None] * 5)
+            return cls(int(mavlink.MAV_CMD_DO_SET_MODE), params, is_whole_mode=True)
         first = (message.param1, message.param2, message.param3, message.param4)
         if kind == "COMMAND_LONG":
             last = (message.param5, message.param6, message.param7)
@@ -113,7 +118,8 @@ def command_of(request: Request, view: View, takeoff_m: float) -> Command:
     if request.mav_cmd == mavlink.MAV_CMD_DO_PAUSE_CONTINUE:
         return _pause_or_continue(request, view)
     if request.mav_cmd == mavlink.MAV_CMD_MISSION_START:
-        return StartMission(_mission(view), view.item(request.whole(1) or 0))
+        item = 1 if request.params[0] is None else _item(request, view)
+        return StartMission(_mission(view), item)
     if request.mav_cmd == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
         return _set_current(request, view)
     if request.mav_cmd == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -133,8 +139,7 @@ def _takeoff(request: Request, view: View, takeoff_m: float) -> Command:
     altitude_m = request.params[6]
     if altitude_m is None:
         return Takeoff(takeoff_m)
-    airframe = view.get(Airframe)
-    is_ardupilots = request.frame is None and airframe is not None and airframe.autopilot == ARDUPILOT
+    is_ardupilots = request.frame is None and _autopilot(view) == ARDUPILOT
     height_m = altitude_m if is_ardupilots else _height_m(request.frame, altitude_m, view)
     if height_m > 0:
         return Takeoff(height_m)
@@ -154,22 +159,28 @@ def _reposition(request: Request, view: View) -> Command:
         if altitude is not None:
             raise Declined("a change of altitude takes a position: go to a point at that altitude")
         return Hold()
+    _check_frame(request.frame)
     if latitude == longitude == 0:
         raise Declined("reposition to 0, 0: expected a position, or NaN to stay")
     if altitude is not None:
         return Goto(latitude, longitude, _height_m(request.frame, altitude, view))
     location = view.get(Location)
-    if location is None:
+    if location is None or not view.is_recent(Location, VelocityNed):
         raise Declined("reposition without an altitude: the drone's own is not known")
     return Goto(latitude, longitude, location.altitude_m)
 
 
+def _check_frame(frame: int | None) -> None:
+    """Raises Declined for a frame in which a position is not degrees, or an altitude not above sea or home."""
+    if frame is not None and frame not in _ABOVE_HOME | _ABOVE_SEA:
+        raise Declined(f"frame {frame}: expected a global one", UNSUPPORTED)
+
+
 def _height_m(frame: int | None, altitude_m: float, view: View) -> float:
     """Metres above home; COMMAND_LONG has no frame and means metres above sea level."""
+    _check_frame(frame)
     if frame in _ABOVE_HOME:
         return altitude_m
-    if frame is not None and frame not in _ABOVE_SEA:
-        raise Declined(f"frame {frame}: expected a global one", UNSUPPORTED)
     home = view.get(Home)
     if home is None:
         raise Declined("home is not known, and so no height above it")
@@ -177,21 +188,29 @@ def _height_m(frame: int | None, altitude_m: float, view: View) -> float:
 
 
 def _mode(request: Request, view: View) -> Command:
-    airframe = view.get(Airframe)
+    autopilot = _autopilot(view)
     base, main, sub = request.whole(1), request.whole(2), request.whole(3) or 0
-    if airframe is None or base is None or main is None or not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+    if base is None or main is None or not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         raise Declined("DO_SET_MODE: expected a custom mode of this autopilot")
-    mode = mode_of_command(airframe.autopilot, main, sub)
+    mode = mode_of(autopilot, main) if request.is_whole_mode else mode_of_command(autopilot, main, sub)
     if mode is FlightModeName.MISSION:
         return _go_on(view)
-    command = command_for(airframe.autopilot, mode)
+    command = command_for(autopilot, mode)
     if command is None:
-        raise Declined(f"mode {mode.name}: no command leads to it; expected {commandable(airframe.autopilot)}")
+        raise Declined(f"mode {mode.name}: no command leads to it; expected {commandable(autopilot)}")
     return command
 
 
+def _autopilot(view: View) -> int:
+    """The kind of the drone's autopilot; raises Declined while it is not known: it is never guessed."""
+    airframe = view.get(Airframe)
+    if airframe is None:
+        raise Declined(UNKNOWN_AUTOPILOT, NOT_NOW)
+    return airframe.autopilot
+
+
 def _mission(view: View) -> bytes:
-    """The hash of the mission that clients mean: of the one that they uploaded or read, else of the drone's own."""
+    """The hash of the mission that a client means: of the one that it uploaded or read, else of the drone's own."""
     known = view.get(Mission)
     named = view.named or (None if known is None else known.mission)
     if named is None:
@@ -222,12 +241,24 @@ def _pause_or_continue(request: Request, view: View) -> Command:
 
 
 def _set_current(request: Request, view: View) -> Command:
-    seq = request.whole(1)
-    if seq is None or not 0 <= seq < UNKNOWN_U16:
-        raise Declined(f"DO_SET_MISSION_CURRENT {request.params[0]}: expected an item's number")
     if request.params[1]:
         raise Declined("DO_SET_MISSION_CURRENT: a mission is not reset; expected 0 in param2", UNSUPPORTED)
-    return SetCurrentItem(_mission(view), view.item(seq))
+    item = _item(request, view)
+    return SetCurrentItem(_mission(view), item)
+
+
+def _item(request: Request, view: View) -> int:
+    """The plan's number of the item in param1; raises Declined if that is none."""
+    _autopilot(view)  # which says how its items count
+    seq = request.whole(1)
+    if seq is None or not 0 <= seq < UNKNOWN_U16:
+        raise Declined(f"{name_of(request.mav_cmd)} {request.params[0]}: expected an item's number")
+    return view.item(seq)
+
+
+def is_of_protocol(name: str) -> bool:
+    """Whether a message is a question, an answer or an order between two: clients take it as the gateway's own."""
+    return name.startswith(_OF_PROTOCOLS)
 
 
 def _stream(request: Request) -> Command:
@@ -236,6 +267,8 @@ def _stream(request: Request) -> Command:
     name = next((name for name, kind in kinds().items() if kind.id == number), None)
     if name is None:
         raise Declined(f"message {request.params[0]}: not in common.xml", UNSUPPORTED)
+    if is_of_protocol(name):
+        raise Declined(f"message {name}: it is not streamed", UNSUPPORTED)
     return Stream(MAVLINK_STATE + name, 1e6 / interval_us if interval_us is not None and interval_us > 0 else 0.0)
 
 

@@ -32,19 +32,21 @@ ASK_AGAIN_MS = 500
 BROKEN_OFF_MS = 5000
 """How long an upload waits for its next item: longer than a client keeps answering a request."""
 CARRIED_S = 300.0
+_Who = tuple[int, int]
+"""A client's system and component, which it has also when it connects anew."""
 _RESULTS: Final = {result_name(result): result for result in mavlink.enums["MAV_MISSION_RESULT"]}
 
 
 @dataclass(eq=False)
 class Upload:
-    """One list from one client. `before`: how many items precede the plan's own in it."""
+    """One list from one client. `before`: how many items precede the plan's own. `is_begun`: it is being sent."""
 
     client: Client
     drone: Drone
     kind: PlanList
     count: int
-    before: int
     heard_ms: int
+    before: int = 0
     asked_ms: int = 0
     received: int = 0
     items: list[Any] = field(default_factory=list)
@@ -53,6 +55,7 @@ class Upload:
     ack_ms: int = 0
     is_acked: bool = False
     is_over: bool = False
+    is_begun: bool = False
     is_asking: bool = False
 
     @property
@@ -63,15 +66,16 @@ class Upload:
         """Send MISSION_ACK, once."""
         if not self.is_acked:
             self.is_acked = True
-            who = (self.client.system, self.client.component)
-            self.client.peer.send(self.drone.number, mavlink.MAVLink_mission_ack_message(*who, result, self.kind))
+            client = self.client
+            ack = mavlink.MAVLink_mission_ack_message(client.system, client.component, result, self.kind)
+            client.peer.send(self.drone.number, ack)
 
     def ask(self, now_ms: int) -> None:
         """Ask for the next item."""
         self.is_asking, self.asked_ms = True, now_ms
-        who = (self.client.system, self.client.component)
-        request = mavlink.MAVLink_mission_request_int_message(*who, self.received, self.kind)
-        self.client.peer.send(self.drone.number, request)
+        client = self.client
+        request = mavlink.MAVLink_mission_request_int_message(client.system, client.component, self.received, self.kind)
+        client.peer.send(self.drone.number, request)
 
     def say(self, severity: Severity, text: str) -> None:
         send_text(self.client.peer, self.drone.number, severity, text)
@@ -96,7 +100,7 @@ class Uploads:
         self._group = group
         self._ttl_s = ttl_s
         self._open: list[Upload] = []
-        self._failures: dict[tuple[int, PlanList], tuple[Client, str]] = {}
+        self._failures: dict[tuple[int, PlanList], dict[_Who | None, str]] = {}
         self._turns: dict[int, asyncio.Lock] = {}
 
     def begin(self, client: Client, drone: Drone, kind: PlanList, count: int) -> None:
@@ -112,11 +116,11 @@ class Uploads:
                 self._drop(known)
         elif not count and self._is_clearing(client, drone, kind):
             return
-        before = home_items(kind, self._view(drone))
-        upload = Upload(client, drone, kind, count, before, self._now_ms())
+        upload = Upload(client, drone, kind, count, self._now_ms())
         try:
+            upload.before = home_items(kind, self._view(drone))
             self._control.check(client, drone)
-            check_count(count - before, kind)
+            check_count(count - upload.before, kind)
         except (Declined, WrongItem) as error:
             upload.acknowledge(_result_of(error))
             upload.say(Severity.WARNING, str(error))
@@ -178,16 +182,24 @@ class Uploads:
             await asyncio.wait([upload.task for upload in pending if upload.task is not None])
 
     def check(self, client: Client, drone: int) -> None:
-        """Raises Declined if a client's plan was acknowledged and the drone did not take it."""
+        """Raises Declined if a plan was acknowledged and the drone did not take it: the client's, or the newest one."""
         for kind in PlanList:
-            failed, text = self._failures.get((drone, kind), (None, ""))
-            if failed == client:
+            failed = self._failures.get((drone, kind), {})
+            text = failed.get((client.system, client.component)) or failed.get(None)
+            if text is not None:
                 raise Declined(f"{text}: upload it again, clear it, or read what the drone has")
 
     def forgive(self, client: Client, drone: int, kind: PlanList) -> None:
-        """Forget a failure once its client learns which list the drone has, or uploads the list again."""
-        if self._failures.get((drone, kind), (None, ""))[0] == client:
-            del self._failures[drone, kind]
+        """A client learns which list the drone has, or uploads the list: forget its own failure, and the newest one.
+
+        Another client whose list failed has to learn it, too.
+        """
+        for who in ((client.system, client.component), None):
+            self._failures.get((drone, kind), {}).pop(who, None)
+
+    def mission(self, client: Client, drone: int) -> bytes | None:
+        """The hash of the mission that a client means."""
+        return self._copies.mission(client, drone)
 
     def _receiving(self, drone: int, kind: PlanList) -> Upload | None:
         found = (one for one in self._open if (one.drone.number, one.kind) == (drone, kind) and not one.is_received)
@@ -203,17 +215,18 @@ class Uploads:
     def _pending(self, drone: int) -> list[Upload]:
         return [one for one in self._open if one.drone.number == drone and one.is_received]
 
-    def _newer(self, upload: Upload) -> dict[PlanList, tuple[Any, ...]]:
-        """The lists that an upload's client has since sent for the same drone: it means these."""
-        pending = [one for one in self._pending(upload.drone.number) if one.client == upload.client]
+    def _is_replaced(self, upload: Upload) -> bool:
+        """Whether an upload's client has since sent the same list for the same drone: it means that one."""
+        pending = self._pending(upload.drone.number)
         behind = pending[pending.index(upload) + 1 :] if upload in pending else []
-        return {one.kind: tuple(one.items) for one in behind}
+        return any((one.client, one.kind) == (upload.client, upload.kind) for one in behind)
 
     async def _carry(self, upload: Upload) -> None:
         """Carry one list from its count to its end."""
+        asked_ms = self._now_ms()
         with self._failing(upload):
             await self._control.heard(upload.client)
-            self._control.check(upload.client, upload.drone)
+            self._control.check(upload.client, upload.drone, asked_ms)
             if upload.count:
                 upload.ask(self._now_ms())
             else:
@@ -225,23 +238,33 @@ class Uploads:
                     await self._send(upload)
 
     def _receive(self, upload: Upload) -> None:
-        """Complete an upload whose items are all received; raises WrongItem if they do not fit together."""
+        """Complete an upload whose items are all received; raises WrongItem if they do not fit together.
+
+        It replaces one of the same list and client that still waits. That one gets no MISSION_ACK, which its client
+        would take for the new one's.
+        """
         items = plan_list(tuple(upload.items), upload.kind, upload.before)
+        for older in self._pending(upload.drone.number):
+            if (older.client, older.kind) == (upload.client, upload.kind) and not older.is_begun:
+                older.say(Severity.NOTICE, f"{older.kind.label} upload: a newer list replaces it")
+                self._drop(older)
         upload.items, upload.ack_ms = list(items), self._now_ms() + ACK_MS
         upload.whole.set()
         self.forgive(upload.client, upload.drone.number, upload.kind)
-        self._copies.name(upload.drone.number, {upload.kind: items})
+        if upload.kind is PlanList.MISSION:
+            self._copies.name(upload.client, upload.drone.number, items)
 
     async def _send(self, upload: Upload) -> None:
         """Send a list to its drone, together with the client's other lists that are received by now."""
         together = [one for one in self._pending(upload.drone.number) if one.client == upload.client]
+        for one in together:
+            one.is_begun = True
         lists = {one.kind: tuple(one.items) for one in together}
         outcome = await upload.drone.upload(Plan(PlanObject.of(lists)), timeout_s=CARRIED_S)
         if outcome.completed:
             self._copies.put(upload.drone.number, lists)
         for one in together:
             if outcome.completed:
-                self._copies.name(one.drone.number, self._newer(one))
                 late = f"{one.kind.label} upload completed: {len(one.items)} items" if one.is_acked else None
                 self._end(one, mavlink.MAV_MISSION_ACCEPTED, late, Severity.INFO)
             else:
@@ -267,12 +290,11 @@ class Uploads:
         """Fail a list that the drone does not have; a client that got ACCEPTED for it must not fly by it."""
         if upload.is_over:
             return
-        newer = self._newer(upload)
         if upload.is_received:
-            self._copies.disown(upload.drone.number)
-            self._copies.name(upload.drone.number, newer)
-        if upload.is_acked and upload.kind not in newer:
-            self._failures[upload.drone.number, upload.kind] = (upload.client, text)
+            self._copies.forget(upload.drone.number)
+        if upload.is_acked and not self._is_replaced(upload):
+            who = (upload.client.system, upload.client.component)
+            self._failures.setdefault((upload.drone.number, upload.kind), {}).update({who: text, None: text})
         self._end(upload, result, text)
 
     def _end(self, upload: Upload, result: int, text: str | None, severity: Severity = Severity.WARNING) -> None:

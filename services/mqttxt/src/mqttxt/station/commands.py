@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
+from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from ..core.channel import Channel
@@ -45,7 +45,8 @@ class StationCommands:
     def __init__(self, session: int, channel: Channel) -> None:
         self.pending: dict[CommandId, Pending] = {}
         self._open: dict[CommandId, Pending] = {}
-        self._closed: deque[Pending] = deque()
+        self._closed: list[tuple[int, CommandId]] = []
+        """A heap of the closed commands, by the time until which each is kept."""
         self._session = session
         self._channel = channel
         self._settings = channel.settings
@@ -261,9 +262,9 @@ class StationCommands:
         """Repeat the commands that are not answered, and at last give them up."""
         for pending in [pending for pending in self._open.values() if not pending.is_open]:
             del self._open[pending.id]
-            self._closed.append(pending)
-        while self._closed and now_ms > self._closed[0].close_at_ms + KEEP_MS:
-            del self.pending[self._closed.popleft().id]
+            heappush(self._closed, (pending.close_at_ms + KEEP_MS, pending.id))
+        while self._closed and now_ms > self._closed[0][0]:
+            del self.pending[heappop(self._closed)[1]]
         for fog in fogs.values():
             fog.in_offboard = any(
                 isinstance(pending.command, Offboard) and pending.fog == fog.number for pending in self._open.values()
