@@ -7,12 +7,31 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt import Arm, Disarm, Drone, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity, Word
+from mqttxt import (
+    Arm,
+    Disarm,
+    Drone,
+    Goto,
+    Hold,
+    Land,
+    Mission,
+    Offboard,
+    Plan,
+    Resume,
+    Return,
+    StartMission,
+    Takeoff,
+    Velocity,
+    Word,
+)
+from mqttxt.protocol.plans import PlanObject
 from tests.rigs.commanding import armable, fly, is_armable, start
 from tests.rigs.copter import BRAKE, FOLDER, GUIDED, LAND, LOITER, RTL, Copter, CopterPilot
 from tests.rigs.processes import eventually
 from tests.rigs.real_flights import HOME, Flight
+from tests.simulation.plan_items import place
 
 pytestmark = [
     pytest.mark.integration,
@@ -22,6 +41,17 @@ pytestmark = [
 ]
 
 NORTH_100_M = Goto(HOME[0] + 0.0009, HOME[1], 15.0)
+UP = place(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 8.0, 0.0, 0.0, 0.0, None)
+FIRST_M, LAST_M = 12.0, 30.0
+STRAIGHT = Plan(
+    PlanObject(
+        mission=(UP, *(place(mavlink.MAV_CMD_NAV_WAYPOINT, at, 0, 8.0, 2.0) for at in (FIRST_M, LAST_M))),
+        fence=(),
+        rally=(),
+    )
+)
+"""Two places to the north; the drone waits for 2 s at each."""
+ONLY_UP = Plan(PlanObject(mission=(UP,), fence=(), rally=()))
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +77,33 @@ async def test_every_command_is_flown_and_it_flies_again_after_a_landing(flight:
     north_m, east_m, _ = (now - then for now, then in zip(flight.pilot.position_m, armed_at, strict=True))
     assert (abs(north_m) < 3, abs(east_m) < 3) == (True, True), "where it was armed"
     await fly(drone, Arm(), Disarm())
+
+
+async def test_a_mission_is_over_behind_its_last_item_and_flown_again_by_a_resume(flight: Flight, drone: Drone) -> None:
+    flight.pilot.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1e6)
+    assert (await drone.upload(STRAIGHT)).completed
+    await fly(drone, Arm(), StartMission(STRAIGHT.mission_hash))
+    assert flight.pilot.position_m[0] > LAST_M - 1.5
+    assert flight.pilot.latest["MISSION_ITEM_REACHED"].seq == 3
+    assert flight.pilot.latest["MISSION_CURRENT"].total == 3, "home, which is item 0, does not count"
+    end = Mission(current=3, reached=3, total=3, mission=STRAIGHT.mission_hash)
+    await eventually(lambda: (told := drone.state(Mission)) is not None and told.state == end, "the station knows")
+    await fly(drone, Hold())
+    assert (await drone.set_current_item(STRAIGHT, 1)).completed
+    heard, task = await start(drone, Resume(STRAIGHT.mission_hash))
+    await eventually(lambda: task.done() or flight.pilot.position_m[0] < FIRST_M + 3, "it flies back")
+    assert not task.done()
+    await task
+    assert heard[-1].word is Word.COMPLETED
+    assert flight.pilot.position_m[0] > LAST_M - 1.5
+    await fly(drone, Land())
+
+
+async def test_a_mission_of_one_item_is_over(flight: Flight, drone: Drone) -> None:
+    assert (await drone.upload(ONLY_UP)).completed
+    await fly(drone, Arm(), StartMission(ONLY_UP.mission_hash))
+    assert flight.pilot.position_m[2] > 7
+    await fly(drone, Land())
 
 
 async def test_hold_stops_a_goto_and_stays(flight: Flight, drone: Drone) -> None:

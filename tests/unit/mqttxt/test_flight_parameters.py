@@ -165,7 +165,7 @@ def test_a_client_that_starts_anew_gives_what_has_changed_since(flight: Setter) 
     [
         ("px4", "MPC_XY_CRUISE", 6.7),
         ("px4", "RTL_CONE_ANG", 7),
-        ("px4", "BAT1_CAPACITY", -1.0),
+        ("px4", "COM_DISARM_LAND", -1.0),
         ("ardupilot", "WPNAV_SPEED", 166.6),
         ("ardupilot", "RTL_LOIT_TIME", 7),
     ],

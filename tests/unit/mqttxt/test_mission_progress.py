@@ -1,6 +1,8 @@
-"""What is told of a mission's progress where the mission is replaced, or started anew."""
+"""What is told of a mission's progress: its end, and where it is replaced or started anew."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -46,3 +48,35 @@ def test_a_client_that_reads_the_mission_in_flight_keeps_what_it_heard() -> None
     progress.read(ONE, UP_AND_BACK)
     assert progress.hashes == {PlanList.MISSION: ONE}
     assert progress.reached == 2
+
+
+def test_home_counts_in_the_numbers_and_not_in_the_total() -> None:
+    """ArduCopter at the second of three items."""
+    progress = MissionProgress(home_items=1)
+    progress.on_message(mavlink.MAVLink_mission_current_message(2, 3, mavlink.MISSION_STATE_ACTIVE))
+    assert progress.on_message(mavlink.MAVLink_mission_item_reached_message(2)) == [Mission(2, 2, 3, None)]
+    assert not progress.is_over
+    progress.on_message(mavlink.MAVLink_mission_item_reached_message(3))
+    assert progress.is_over
+
+
+def test_a_mission_of_one_item_ends() -> None:
+    progress = MissionProgress(home_items=1)
+    progress.on_message(mavlink.MAVLink_mission_current_message(1, 1, mavlink.MISSION_STATE_ACTIVE))
+    progress.on_message(mavlink.MAVLink_mission_item_reached_message(1))
+    assert progress.is_over
+
+
+@pytest.mark.parametrize(
+    ("message", "total"),
+    [
+        (mavlink.MAVLink_mission_current_message(1), 3),  # an older autopilot reports no total
+        (mavlink.MAVLink_mission_current_message(0, 0, mavlink.MISSION_STATE_NO_MISSION), 0),
+        (mavlink.MAVLink_mission_current_message(0, 0xFFFF, mavlink.MISSION_STATE_NO_MISSION), 0),
+    ],
+)
+def test_a_total_that_is_not_reported_is_that_of_the_mission_that_was_read(message: Any, total: int) -> None:
+    progress = MissionProgress()
+    progress.read(ONE, UP_AND_BACK)
+    progress.on_message(message)
+    assert progress.total == total

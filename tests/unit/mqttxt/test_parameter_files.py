@@ -116,6 +116,18 @@ def test_a_value_that_is_no_number_is_a_line(value: str) -> None:
     [
         *("MAV_SYS_ID", "SYSID_THISMAV", "SYSID_MYGCS", "CBRK_FLIGHTTERM", "NAV_DLL_ACT", "FS_THR_ENABLE", "GF_ACTION"),
         *("FENCE_ENABLE", "BATT2_FS_LOW_ACT", "CAL_GYRO0_ID", "SERVO1_FUNCTION", "MAV_0_CONFIG", "SERIAL1_BAUD"),
+        # the pilot's switches, and sticks
+        *("RC_KILLSWITCH_TH", "RC_ARMSWITCH_TH", "RC_MAP_KILL_SW", "RC5_REV", "COM_FLTMODE1", "MAN_KILL_GEST_T"),
+        *("RC7_OPTION", "RC12_OPTION", "RC7_REVERSED", "FLTMODE1", "FLTMODE_CH", "FLTMODE_GCSBLOCK"),
+        *("COM_RC_OVERRIDE", "COM_RC_STICK_OV", "COM_RC_IN_MODE", "RC_FAILS_THR", "RC3_MIN", "RC_OVERRIDE_TIME"),
+        *("RC_OPTIONS", "RC_PROTOCOLS", "RCMAP_THROTTLE", "SYSID_ENFORCE", "MAV_OPTIONS"),
+        # what the battery's failsafes see
+        *("BAT_CRIT_THR", "BAT_EMERGEN_THR", "BAT_LOW_THR", "BAT1_SOURCE", "BAT3_SOURCE", "BAT1_V_EMPTY"),
+        *("BATT_LOW_VOLT", "BATT_LOW_MAH", "BATT_CRT_VOLT", "BATT_CRT_MAH", "BATT_MONITOR", "BATT_CAPACITY"),
+        *("BATT2_CRT_VOLT", "BATT9_MONITOR", "BATTA_LOW_MAH"),
+        # other failsafes and checks
+        *("COM_ACT_FAIL_ACT", "COM_POS_FS_EPH", "COM_WIND_MAX", "COM_FLTT_LOW_ACT", "COM_RC_LOSS_T", "FS_THR_VALUE"),
+        *("COM_ARMABLE", "SYS_HAS_GPS", "COM_LKDOWN_TKO", "SYS_FAILURE_EN", "SYS_HITL"),
     ],
 )
 def test_what_endangers_is_guarded(name: str) -> None:

@@ -92,7 +92,10 @@ class PlanLists:
             raise
 
     def select(self, mission: bytes, item: int | None) -> Steps[None]:
-        """Make `item` of the mission with that hash the current one; None leaves it. Raises OtherPlan."""
+        """Make `item` of the mission with that hash the current one; None leaves it. Raises OtherPlan.
+
+        Where the current item was reached already, the mission is flown again from there.
+        """
         items = yield from self.fetch(PlanList.MISSION)
         if self.vehicle.mission.hashes[PlanList.MISSION] != mission:
             raise OtherPlan("other_plan")
@@ -102,6 +105,8 @@ class PlanLists:
             raise OtherPlan(f"no_such_item, {len(items)}")
         if item is not None:
             yield from set_current(self.vehicle.system_id, self.vehicle.mission.seq(item))
+        if self.vehicle.mission.current <= self.vehicle.mission.reached:
+            self.vehicle.mission.begin()
 
     def _put(self, kind: PlanList, items: Items) -> Steps[None]:
         """Write a list and read it back. Raises TransferFailed with the first item that differs."""
@@ -127,7 +132,7 @@ class PlanLists:
         return True
 
     def _read(self, kind: PlanList) -> Steps[Items]:
-        return (yield from read(self.vehicle.system_id, kind))
+        return (yield from read(self.vehicle.system_id, kind, self._home_items(kind)))
 
     def _home_items(self, kind: PlanList) -> int:
         return self.vehicle.mission.home_items if kind is PlanList.MISSION else 0

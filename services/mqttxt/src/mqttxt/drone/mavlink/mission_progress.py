@@ -45,8 +45,9 @@ class MissionProgress:
         if kind == "MISSION_ITEM_REACHED":
             self._reach(self._number(message.seq))
         else:
-            total = 0 if message.total == _NONE else message.total - self.home_items
-            self.current, self.total = self._number(message.seq), max(0, total)
+            self.current = self._number(message.seq)
+            if message.total or message.mission_state:  # older autopilots send neither; home does not count
+                self.total = 0 if message.total == _NONE else message.total
         return self.states()
 
     def states(self) -> list[State]:
@@ -78,7 +79,7 @@ class MissionProgress:
         self.total = len(commands)
 
     def begin(self) -> None:
-        """The mission is started anew: the item reached before belongs to an earlier flight."""
+        """The mission is started anew, or goes back: the item reached before belongs to an earlier flight."""
         self._stale, self.reached = self.reached or self._stale, 0
 
     def _reach(self, number: int) -> None:

@@ -15,8 +15,6 @@ from .plans import AUTOPILOT_COMPONENT, NAN, CannotExecute
 AGAIN_MS = 500
 SENDS = 14
 """Writes go on for longer than an autopilot takes to give up another station's broken transfer: PX4 needs 5 s."""
-_MOST_READ = MOST_ITEMS + 1
-"""One more than a plan may have: ArduPilot's first item is home."""
 FENCE_CORNERS = (
     mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
@@ -108,12 +106,15 @@ class Exchange:
         return out
 
 
-def read(system: int, kind: PlanList) -> Steps[tuple[PlanItem, ...]]:
-    """Read a list. Raises TransferFailed, also for a list that a plan cannot have."""
+def read(system: int, kind: PlanList, before: int = 0) -> Steps[tuple[PlanItem, ...]]:
+    """Read a list. Raises TransferFailed, also for a list that a plan cannot have.
+
+    `before`: how many of the items precede those of the plan.
+    """
     target = (system, AUTOPILOT_COMPONENT)
     is_count = _is_one("MISSION_COUNT", kind)
     told = yield Step(mavlink.MAVLink_mission_request_list_message(*target, kind), is_count)
-    if told.count > _MOST_READ:
+    if told.count > MOST_ITEMS + before:
         raise TransferFailed(f"{kind.label}: expected at most {MOST_ITEMS} items, got {told.count}")
     items = []
     for seq in range(told.count):
@@ -177,11 +178,24 @@ def item_of(message: Any) -> PlanItem:
 
 def message_of(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanList) -> Any:
     """The item as MISSION_ITEM_INT."""
-    params = [NAN if param is None else param for param in item.params]
-    z = NAN if item.z is None else item.z
+    system, component = target
+    param1, param2, param3, param4 = [NAN if param is None else param for param in item.params]
     return mavlink.MAVLink_mission_item_int_message(
-        *(*target, seq, item.frame, item.command, int(kind is PlanList.MISSION and seq == 0), int(item.autocontinue)),
-        *(*params, item.x, item.y, z, kind),
+        target_system=system,
+        target_component=component,
+        seq=seq,
+        frame=item.frame,
+        command=item.command,
+        current=int(kind is PlanList.MISSION and seq == 0),
+        autocontinue=int(item.autocontinue),
+        param1=param1,
+        param2=param2,
+        param3=param3,
+        param4=param4,
+        x=item.x,
+        y=item.y,
+        z=NAN if item.z is None else item.z,
+        mission_type=kind,
     )
 
 
