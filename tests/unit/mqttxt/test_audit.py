@@ -341,6 +341,40 @@ def test_a_last_line_that_is_destroyed_stays_and_is_named(tmp_path: Path) -> Non
     assert (code, "line 5: it cannot be read" in said) == (1, True)
 
 
+def test_a_first_line_that_is_destroyed_stays_and_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = written(tmp_path / "log", count=3)
+    whole = path.read_bytes()
+    spoilt = b"\xff" * 50 + whole[50:]
+    path.write_bytes(spoilt)
+    written(path, count=3)
+    assert path.read_bytes().startswith(spoilt)
+    assert [json.loads(line)["n"] for line in path.read_bytes().splitlines()[1:]] == list(range(2, 8))
+    assert caplog.messages == [f"audit log {path}: line 1 cannot be read; it is left there, for `mqttxt audit verify`"]
+    code, said = verify(path)
+    assert (code, "line 1: it cannot be read" in said) == (2, True)
+    rotated = written(path, largest=1, count=1)
+    assert [file.suffix for file in sorted(tmp_path.iterdir())] == ["", ".000000002"]
+    assert verify(rotated)[0] == 2
+
+
+@pytest.mark.parametrize("older", [True, False])
+@pytest.mark.parametrize("content", [b"\xff\n" * 30, b"\0\n" + bytes(100)])
+def test_a_file_of_which_nothing_is_left_ends_no_role_and_the_chain_goes_on(
+    tmp_path: Path, older: bool, content: bytes
+) -> None:
+    path = written(tmp_path / "log", largest=1 if older else 10**6, count=3)
+    files = sorted(tmp_path.glob("log.*"))
+    last = json.loads((files[-1] if older else path).read_bytes().splitlines()[-1])["n"] if older else 0
+    path.write_bytes(content)
+    written(path, count=1, signed=False)
+    end = content.rindex(b"\n") + 1
+    assert path.read_bytes()[:end] == content[:end]
+    found = [json.loads(line) for line in path.read_bytes()[end:].splitlines()]
+    assert [(fields["n"], fields["event"]) for fields in found] == [(last + 1, "file"), (last + 2, "command")]
+    assert verify(path)[0] != 0
+    assert files == sorted(tmp_path.glob("log.*"))
+
+
 # Wrong settings.
 
 

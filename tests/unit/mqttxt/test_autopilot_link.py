@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import os
 import socket
+import termios
 import tty
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.drone.mavlink import link, transports
 from mqttxt.drone.mavlink.link import AutopilotLink
 from mqttxt.drone.mavlink.repeated_acks import Repeats
 from mqttxt.drone.mavlink.transports import AutopilotAddress, Serial
+from mqttxt.errors import ConfigurationError
 from tests.rigs.link_bench import LinkBench
 from tests.rigs.processes import eventually
 from tests.simulation.world import ack, heartbeat
@@ -207,3 +211,83 @@ async def test_a_line_that_is_not_there_is_told_once_and_once_more_when_it_is(
         await asyncio.wait({running})
         os.close(master)
         os.close(slave)
+
+
+@pytest.mark.parametrize("baud", [57_600, 123_456])
+async def test_a_device_that_vanishes_while_it_is_opened_is_opened_again(
+    baud: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """pyserial does not turn each of the system's errors into its own."""
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(link, "REOPEN_S", 0.01)
+    gone = [True, True]
+
+    def vanishing(raised: Exception) -> Any:
+        def step(*_: Any) -> None:
+            if gone:
+                gone.pop()
+                raise raised
+
+        return step
+
+    def at_an_uncommon_rate(*_: Any) -> None:
+        try:
+            vanishing(OSError(errno.EIO, os.strerror(errno.EIO)))()
+        except OSError as error:
+            raise ValueError(f"Failed to set custom baud rate ({baud}): {error}")  # noqa: B904 - as pyserial does
+
+    monkeypatch.setattr(serial.Serial, "_reset_input_buffer", vanishing(termios.error(errno.EIO, "Input/output error")))
+    if baud != 57_600:
+        monkeypatch.setattr(serial.Serial, "_set_special_baudrate", at_an_uncommon_rate)
+    theirs, ours = os.openpty()
+    made = AutopilotLink(AutopilotAddress("serial", os.ttyname(ours), baud), 1, lambda: None, lambda _: None)
+    running = asyncio.create_task(made.run())
+    try:
+        await eventually(lambda: running.done() or made._transport is not None, "it is open")
+        assert not running.done(), running
+        assert gone == []
+        assert caplog.text.count("Input/output error; trying until it opens") == 1
+    finally:
+        running.cancel()
+        await asyncio.wait({running})
+        os.close(theirs)
+        os.close(ours)
+
+
+async def test_an_address_that_comes_later_is_told_once_and_listened_at(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A companion computer that starts anew in flight has its network a little later."""
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(link, "REOPEN_S", 0.01)
+    tries = []
+
+    async def later(address: AutopilotAddress, *more: Any) -> transports.Transport:
+        tries.append(address)
+        there = address if len(tries) < 4 else AutopilotAddress("udp", "127.0.0.1", 0)
+        return await transports.open_transport(there, *more)
+
+    monkeypatch.setattr(link, "open_transport", later)
+    made = AutopilotLink(AutopilotAddress("udp", "192.0.2.7", 14_550), 1, lambda: None, lambda _: None)
+    running = asyncio.create_task(made.run())
+    try:
+        await eventually(lambda: running.done() or made._transport is not None, "it listens")
+        assert not running.done(), running
+        assert [record.message for record in caplog.records if "autopilot udp" in record.message] == [
+            "autopilot udp:192.0.2.7:14550: Cannot assign requested address; trying until it opens",
+            "autopilot udp:192.0.2.7:14550: the link is open",
+        ]
+    finally:
+        running.cancel()
+        await asyncio.wait({running})
+
+
+async def test_an_address_that_cannot_be_is_one_line() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        made = AutopilotLink(AutopilotAddress("udp", "127.0.0.1", port), 1, lambda: None, lambda _: None)
+        with pytest.raises(
+            ConfigurationError, match=f"^autopilot udp:127.0.0.1:{port}: cannot listen: Address already"
+        ):
+            await made.run()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Log, Publish
@@ -24,7 +25,7 @@ from mqttxt.protocol.states import STATE, Armed, AutopilotText, Battery, Grounds
 from mqttxt.protocol.topics import FogSide
 from mqttxt.protocol.values import Encoding
 from tests.simulation.fogs import ActivatorBench, of, ready
-from tests.simulation.world import UAV_SESSION, heartbeat, position
+from tests.simulation.world import UAV_SESSION, from_autopilot, heartbeat, position
 from tests.simulation.world import ready as start
 
 
@@ -72,7 +73,11 @@ def test_an_urgent_state_does_not_wait_for_the_second() -> None:
 @pytest.mark.parametrize("early", [False, True])
 def test_a_value_that_cannot_be_carried_is_counted_and_keeps_nothing_else_back(early: bool) -> None:
     channel = Channel("fog", "", Settings(bundles=True))
-    states = PublishedStates(1, UAV_SESSION, channel, FogSide(), Streams(Vehicle(1)), None)
+    vehicle = Vehicle(1)
+    vehicle.update(position(), 0)
+    vehicle.update(from_autopilot(mavlink.MAVLink_vfr_hud_message(0, 0, 90, 0, 0, 0)), 0)
+    vehicle.update(from_autopilot(mavlink.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 50)), 0)
+    states = PublishedStates(1, UAV_SESSION, channel, FogSide(), Streams(vehicle), vehicle, None)
     for state in (Battery(50), Groundspeed(1e9), Heading(90)):
         states.throttle.update(state)
     publish, log = states.bundle(100, early=early)

@@ -143,9 +143,9 @@ class Lives:
         counted = self._folder / "lives"
         return counted.read_text().count("life") if counted.exists() else 0
 
-    async def run(self, until: int) -> None:
+    async def run(self, until: int, waits: bool = False) -> None:
         """Run the embedded broker until so many lives have begun; raises what ends it before."""
-        running = asyncio.create_task(EmbeddedBroker("127.0.0.1", 18830, program=str(self.program)).run())
+        running = asyncio.create_task(EmbeddedBroker("127.0.0.1", 18830, program=str(self.program)).run(waits))
         try:
             async with asyncio.timeout(20):
                 while self.begun < until:
@@ -181,6 +181,61 @@ async def test_a_broker_that_is_killed_before_it_runs_comes_back(tmp_path: Path)
 @pytest.mark.usefixtures("impatient")
 async def test_a_broker_that_ran_is_tried_again_while_something_holds_its_port(tmp_path: Path) -> None:
     await Lives(tmp_path, f"{Lives.RUNS}; {Lives.KILLED}", Lives.TAKEN, Lives.TAKEN).run(until=4)
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("fault", [errno.EAGAIN, errno.ENOMEM, errno.ENOENT])
+async def test_a_broker_that_ran_is_tried_again_while_no_process_can_be_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: int
+) -> None:
+    forks, real = [], asyncio.create_subprocess_exec
+    lives = Lives(tmp_path, f"{Lives.RUNS}; {Lives.KILLED}")
+
+    async def forked(*arguments: Any, **options: Any) -> Any:
+        if lives.begun == 1:
+            forks.append(arguments)
+            if len(forks) < 4 and arguments[0] == str(lives.program):
+                raise OSError(fault, os.strerror(fault))
+        return await real(*arguments, **options)
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", forked)
+    await lives.run(until=2)
+
+
+@pytest.mark.usefixtures("impatient")
+async def test_a_first_start_waits_for_room_for_a_process_and_for_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    faults, real = [errno.EAGAIN, errno.EAGAIN], asyncio.create_subprocess_exec
+
+    async def forked(*arguments: Any, **options: Any) -> Any:
+        if faults:
+            raise OSError(faults[0], os.strerror(faults.pop(0)))
+        return await real(*arguments, **options)
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", forked)
+    await Lives(tmp_path).run(until=1)
+    faults.append(errno.EACCES)
+    with pytest.raises(PermissionError):
+        await Lives(tmp_path).run(until=2)
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("fault", [errno.EADDRINUSE, errno.EADDRNOTAVAIL])
+async def test_a_broker_that_waits_starts_once_its_address_is_there_and_free(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, fault: int
+) -> None:
+    no_address = f"echo '1795803987: Error: {os.strerror(fault)}' >&2; exit 1"
+    await Lives(tmp_path, no_address, no_address).run(until=3, waits=True)
+    assert caplog.messages == [
+        f"--listen 127.0.0.1:18830: {os.strerror(fault)}; the broker starts once it can listen there"
+    ]
+
+
+@pytest.mark.usefixtures("impatient")
+async def test_a_broker_that_waits_waits_for_nothing_else(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"ended with code 1: 1: Error: Permission denied$"):
+        await Lives(tmp_path, "echo '1: Error: Permission denied' >&2; exit 1").run(until=2, waits=True)
 
 
 class Files:

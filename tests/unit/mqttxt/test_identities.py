@@ -301,10 +301,6 @@ def _leaf_as_fleet(folder: Path) -> None:
     (folder / "fleet.pem").write_bytes((folder / "certificate.pem").read_bytes())
 
 
-def _garbage_time(folder: Path) -> None:
-    (folder / "time").write_bytes(b"yesterday")
-
-
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
@@ -316,7 +312,6 @@ def _garbage_time(folder: Path) -> None:
         (_no_list, "revoked.pem: No such file or directory"),
         (_empty_list, "revoked.pem: not a certificate revocation list"),
         (_leaf_as_fleet, "fleet.pem: not a fleet authority's certificate"),
-        (_garbage_time, "time: b'yesterday'; expected Unix seconds, or no such file"),
     ],
 )
 def test_a_folder_with_something_wrong_is_refused(acme: Authority, spoil: Callable[[Path], None], said: str) -> None:
@@ -432,6 +427,24 @@ def test_time_never_goes_back_over_a_start(acme: Authority) -> None:
     running.keep()
     with pytest.raises(ConfigurationError, match="expired"):
         Identity.load(folder, system=lambda: 12.0)
+
+
+@pytest.mark.parametrize("content", [b"", bytes(11), b"yesterday", b"9" * 40])
+def test_with_a_spoilt_time_the_other_known_times_count(
+    acme: Authority, content: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A power loss spoils it, and a drone in flight needs its client."""
+    later = datetime.now(UTC) + timedelta(days=30)
+    folder = acme.issue("drone3", not_before=later)
+    (folder / "time").write_bytes(content)
+    identity = Identity.load(folder, system=lambda: 12.0)
+    assert identity.time.now_s() >= later.timestamp() - 1
+    (told,) = caplog.messages
+    assert (
+        told == f"{folder / 'time'}: {content!r}; expected Unix seconds, or no such file; the other known times count"
+    )
+    identity.time.keep()
+    assert int((folder / "time").read_bytes()) >= later.timestamp() - 1
 
 
 # The authority.

@@ -151,6 +151,42 @@ def test_a_file_that_has_no_stamp_is_one_line(tmp_path: Path, text: str) -> None
         Stamps(tmp_path / "stamps")
 
 
+@pytest.mark.parametrize("spoilt", ["stamps", "stamps.copy"])
+@pytest.mark.parametrize("content", [b"", bytes(16), b"\xff\xfe3"])
+def test_of_the_file_and_its_copy_one_is_enough_for_any_clock(
+    tmp_path: Path, clock: Clock, spoilt: str, content: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = Stamps(tmp_path / "stamps", clock)
+    before.keep()
+    clock.now_s += 1.0
+    last = before.next()
+    assert last is not None
+    (tmp_path / spoilt).write_bytes(content)
+    after = Stamps(tmp_path / "stamps", Clock(0.0))
+    assert heard(Signing(KEY, after), beat(last - MINUTE - LEAST_AHEAD)) == "mavlink_old"
+    assert (after.next() or 0) > last
+    assert caplog.text.count("; its copy is used") == 1
+    assert after.is_due
+    after.keep()
+    assert int((tmp_path / spoilt).read_bytes()) > last
+
+
+def test_a_file_that_is_lost_is_found_in_its_copy(tmp_path: Path, clock: Clock) -> None:
+    before = Stamps(tmp_path / "stamps", clock)
+    before.keep()
+    (tmp_path / "stamps").unlink()
+    assert Stamps(tmp_path / "stamps", Clock(0.0)).now() >= before.now()
+
+
+def test_without_a_stamp_in_the_file_or_its_copy_nothing_starts(tmp_path: Path, clock: Clock) -> None:
+    """With a clock in 1970 it would hear all that was recorded."""
+    Stamps(tmp_path / "stamps", clock).keep()
+    for name in ("stamps", "stamps.copy"):
+        (tmp_path / name).write_bytes(bytes(16))
+    with pytest.raises(ConfigurationError, match=r"stamps: .*; expected a MAVLink time stamp, or no such file"):
+        Stamps(tmp_path / "stamps", clock)
+
+
 # -- keys
 
 

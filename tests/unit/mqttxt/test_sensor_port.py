@@ -142,6 +142,22 @@ async def test_a_refused_connection_ends_the_sensors_side_only(
     assert "no reading is taken in until this UAV client is started again" in caplog.text
 
 
+async def test_the_drones_broker_waits_for_its_address(tmp_path: Path) -> None:
+    class Embedded:
+        waits = False
+
+        async def run(self, waits: bool = False) -> None:
+            self.waits = waits
+
+    bench, embedded = PortBench(tmp_path / "store"), Embedded()
+    bench.port._embedded = embedded  # type: ignore[assignment]
+    first, *others = bench.port.jobs()
+    for job in others:
+        job.close()
+    await first
+    assert embedded.waits
+
+
 def test_receipts_that_become_safe_out_of_order_wait_for_those_before_them() -> None:
     done: list[Any] = []
     receipts = Receipts(done.append)

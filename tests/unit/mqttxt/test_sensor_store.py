@@ -111,11 +111,39 @@ def test_a_store_that_another_process_uses_is_one_line(tmp_path: Path) -> None:
     first.close()
 
 
-def test_a_file_that_is_no_database_is_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("content", [b"readings " * 200, bytes(8192)])
+def test_a_file_that_is_no_database_is_set_aside_and_a_new_one_takes_readings(
+    tmp_path: Path, content: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
     path = tmp_path / "sensors"
-    path.write_text("readings " * 200)
-    with pytest.raises(ConfigurationError, match="file is not a database"):
-        SensorStore(path)
+    path.write_bytes(content)
+    (tmp_path / "sensors.spoilt-1").write_bytes(b"an earlier one")
+    store = SensorStore(path)
+    assert store.carry_out(storing(0)).refused == []
+    assert loaded(store) == [0]
+    assert (tmp_path / "sensors.spoilt-1").read_bytes() == b"an earlier one"
+    assert (tmp_path / "sensors.spoilt-2").read_bytes() == content
+    assert caplog.messages == [
+        f"{path}: file is not a database; it is kept as sensors.spoilt-2, and a new file takes the readings"
+    ]
+
+
+def test_a_store_whose_pages_turn_out_to_be_spoilt_is_set_aside_and_places_go_on_rising(tmp_path: Path) -> None:
+    """SQLite looks at a page when it needs it: at the start all seems well."""
+    path = tmp_path / "sensors"
+    store = SensorStore(path)
+    store.carry_out(storing(*range(2000)))
+    place = store.carry_out(Batch(load=LoadReadings(0, 1000))).rows[-1][0]
+    (root,) = store._database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'reading'").fetchone()
+    (size,) = store._database.execute("PRAGMA page_size").fetchone()
+    store.close()
+    store._is_open = False
+    spoilt = bytearray(path.read_bytes())
+    spoilt[(root - 1) * size : root * size] = b"\xff" * size
+    path.write_bytes(spoilt)
+    assert [store.carry_out(storing(5000)).failed for _ in range(2)] == [True, False]
+    assert (tmp_path / "sensors.spoilt-1").stat().st_size == len(spoilt)
+    assert (len(store), loaded(store, after=place)) == (1, [5000])
 
 
 def test_a_store_of_a_later_version_is_one_line(tmp_path: Path) -> None:

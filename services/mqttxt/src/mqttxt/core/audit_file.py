@@ -113,16 +113,16 @@ class AuditFile:
 
     def _find_end(self, now_s: float) -> None:
         """Continue the chain after the last line of this file, or of the newest older one if this one has no line."""
-        size = self._read_end(self.path)
+        self._size = size = self._read_end(self.path)
         if self._link is not None:
-            self._size = size
             cut = os.stat(self.path).st_size - size
             if cut:
                 logger.warning("audit log %s: its last line had no end; %d bytes are cut off", self.path, cut)
                 self.add(now_s, "repaired", {"cut_bytes": cut})
             return
-        for older in older_files(self.path)[-1:]:
-            self._read_end(older)
+        for older in reversed(older_files(self.path)):
+            if self._link is None:
+                self._read_end(older)
         self._link = self._link or Link()
         self._begin_file(now_s)
 
@@ -131,11 +131,16 @@ class AuditFile:
         lines = path.read_bytes().split(b"\n")[:-1]
         if not lines:
             return 0
-        try:
-            first = Line.parse(lines[0])
-        except ValueError as error:
-            raise ConfigurationError(f"audit log {path}: line 1: {error}; expected an audit log, or no file") from None
-        node = first.fields.get("node")
+        size = sum(len(line) + 1 for line in lines)
+        head = _parsed(lines[0])
+        first = head or next(filter(None, map(_parsed, lines)), None)
+        if first is None and all(line.isascii() and b"\0" not in line for line in lines):
+            raise ConfigurationError(f"audit log {path}: line 1: it cannot be read; expected an audit log, or no file")
+        if head is None:
+            logger.error("audit log %s: line 1 cannot be read; it is left there, for `mqttxt audit verify`", path)
+        if first is None:
+            return size
+        node = head.fields.get("node") if head is not None else self._node
         if node != self._node:
             raise ConfigurationError(f"audit log {path}: of {node}; expected that of {self._node}, or no file")
         self._first_n = first.link.n
@@ -147,7 +152,14 @@ class AuditFile:
                 logger.error(
                     "audit log %s: line %d: %s; it is left there, for `mqttxt audit verify`", path, number, error
                 )
-        return sum(len(line) + 1 for line in lines)
+        return size
+
+
+def _parsed(line: bytes) -> Line | None:
+    try:
+        return Line.parse(line)
+    except ValueError:
+        return None
 
 
 def _open_locked(path: Path) -> int:

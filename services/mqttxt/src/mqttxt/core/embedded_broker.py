@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import logging
+import os
 import signal
 import socket
 import tempfile
@@ -26,6 +28,10 @@ FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
 STEADY_S = 10.0
 """After a broker ran for this long, the pause before its restart is the shortest one again."""
+_NO_PROCESS = (errno.EAGAIN, errno.ENOMEM)
+"""The errors of a machine that has no room for a process at the moment."""
+_NO_ADDRESS = (os.strerror(errno.EADDRINUSE), os.strerror(errno.EADDRNOTAVAIL))
+"""The ends of Mosquitto's last line where its address is another program's, or not this machine's yet."""
 
 
 class EmbeddedBroker:
@@ -80,12 +86,12 @@ class EmbeddedBroker:
                 name = socket.gethostname()
         return f"{self._scheme}://{host_port(name, self.port)}"
 
-    async def run(self) -> None:
+    async def run(self, waits: bool = False) -> None:
         """Start Mosquitto, and restart it when it ends; raises ConfigurationError if it cannot start.
 
         It cannot start if it exits without ever having run. One that ran, or was killed, is restarted however briefly
         it ran: that depends more on the machine than on Mosquitto. If the disk is full, failing or read-only, its
-        files are written later.
+        files are written later. With `waits` it starts once its address is there and free.
         """
         program = mosquitto.find(self._program)
         if program is None:
@@ -94,7 +100,7 @@ class EmbeddedBroker:
                 f"or {self._instead} with a broker that runs elsewhere"
             )
         with contextlib.ExitStack() as left:
-            await self._keep_running(program, await self._written(left))
+            await self._keep_running(program, await self._written(left), waits)
 
     async def _written(self, left: contextlib.ExitStack) -> Path:
         """Write the configuration into a folder that `left` removes; retried until the disk can be written."""
@@ -156,20 +162,34 @@ class EmbeddedBroker:
             self._owes_reload = False
             process.send_signal(signal.SIGHUP)
 
-    async def _keep_running(self, program: str, configuration: Path) -> None:
+    async def _keep_running(self, program: str, configuration: Path, waits: bool) -> None:
         loop = asyncio.get_running_loop()
+        has_told = False
         pause_s = FIRST_PAUSE_S
         while True:
             started = loop.time()
-            code, last_line = await self._run_once(program, configuration)
+            try:
+                code, last_line = await self._run_once(program, configuration)
+                failure = f"ended with code {code} ({last_line})"
+            except OSError as error:
+                if not self._has_run and error.errno not in _NO_PROCESS:
+                    raise
+                code, failure = -1, f"cannot be started ({error.strerror or error})"
             lasted_s = loop.time() - started
             if code >= 0 and not self._has_run:
                 where = f"{self._option} {host_port(self.host, self.port)}"
+                if waits and last_line.endswith(_NO_ADDRESS):
+                    if not has_told:
+                        why = last_line.rpartition(": ")[2]
+                        logger.error("%s: %s; the broker starts once it can listen there", where, why)
+                    has_told = True
+                    await asyncio.sleep(LONGEST_PAUSE_S)
+                    continue
                 if is_taken(self.host, self.port):
                     raise ConfigurationError(f"{where}: another program listens there; expected a free address")
                 raise ConfigurationError(f"{where}: Mosquitto ended with code {code}: {last_line}")
             pause_s = FIRST_PAUSE_S if lasted_s >= STEADY_S else min(2 * pause_s, LONGEST_PAUSE_S)
-            logger.warning("embedded broker ended with code %d (%s); starting it again", code, last_line)
+            logger.warning("embedded broker %s; starting it again", failure)
             await asyncio.sleep(pause_s)
 
     async def _run_once(self, program: str, configuration: Path) -> tuple[int, str]:

@@ -14,11 +14,17 @@ from ..protocol.bundles import drone_bundle
 from ..protocol.codec import encode
 from ..protocol.policies import ON_REQUEST, URGENT, Policy, Throttle
 from ..protocol.state_payload import StampedState, encode_state
-from ..protocol.states import State
+from ..protocol.states import STATES, Fence, Home, Mission, State
 from ..protocol.topics import FogSide
 from .effects import Effect
+from .mavlink.vehicle import LOST_MS, SOURCES, Vehicle
 from .streams import Streams
 from .texts import Texts
+
+_SELDOM = dict.fromkeys((Home.name, Mission.name, Fence.name), "HEARTBEAT")
+"""States whose messages may be rare."""
+_SHOWN_BY = {**dict.fromkeys(STATES, "HEARTBEAT"), **SOURCES, **_SELDOM}
+"""The message of each state: after it has stopped the state is not known any more."""
 
 
 class PublishedStates:
@@ -34,6 +40,7 @@ class PublishedStates:
         channel: Channel,
         topics: FogSide,
         streams: Streams,
+        vehicle: Vehicle,
         policies: dict[str, Policy] | None,
         all_states: bool = False,
     ) -> None:
@@ -46,6 +53,7 @@ class PublishedStates:
         self._settings = channel.settings
         self._topics = topics
         self._streams = streams
+        self._vehicle = vehicle
         self._next_bundle_ms = 0
         self._for_bundle: dict[str, State] = {}
 
@@ -55,12 +63,18 @@ class PublishedStates:
 
     def due(self, now_ms: int) -> list[State]:
         """The states to publish singly now: at requested rates and, without bundles, by their policies."""
-        names = self._streams.names
-        self.throttle.apart = names | self._unasked if names else self._unasked
-        current = (self.throttle.current(name) for name in self._streams.due(now_ms))
+        lost = self._leave_out(now_ms)
+        current = (self.throttle.current(name) for name in self._streams.due(now_ms) if name not in lost)
         alone = self._without_bundled([state for state in current if state is not None])
         alone += self.texts.due(now_ms) if self.texts is not None else []
         return alone if self._settings.bundles else [*alone, *self.throttle.due(now_ms)]
+
+    def _leave_out(self, now_ms: int) -> frozenset[str]:
+        """Set the states that the throttle leaves out; returns those that are not known any more (R3.5)."""
+        silence_ms = self._vehicle.silence_ms
+        lost = frozenset(name for name, kind in _SHOWN_BY.items() if silence_ms(kind, now_ms) > LOST_MS)
+        self.throttle.apart = self._unasked | self._streams.names | lost
+        return lost
 
     def _without_bundled(self, streamed: list[State]) -> list[State]:
         """Keep the states streamed no faster than bundles leave for the next bundle, and return the others."""
@@ -74,12 +88,14 @@ class PublishedStates:
         """All due states in one message: once per bundle interval, when an urgent state is due, or if `early`."""
         if not self._settings.bundles:
             return []
+        lost = self._leave_out(now_ms)
         if not early and now_ms < self._next_bundle_ms and not self.throttle.is_due(URGENT, now_ms):
             return []
         on_schedule_ms = self._next_bundle_ms
         self._next_bundle_ms = next_turn_ms(on_schedule_ms, now_ms, self._settings.bundle_ms)
         due = {state.name: state for state in self.throttle.due(now_ms)}
-        due |= {name: self.throttle.current(name) or state for name, state in self._for_bundle.items()}
+        waiting = {name: state for name, state in self._for_bundle.items() if name not in lost}
+        due |= {name: self.throttle.current(name) or state for name, state in waiting.items()}
         self._for_bundle.clear()
         together, refused = list(due.values()), list[Effect]()
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,8 @@ from . import files
 from .certificate import Certificate
 from .fleet import Fleet
 
+logger = logging.getLogger("mqttxt.identity")
+
 TIME_FILE = "time"
 PERSIST_EVERY_S = 600.0
 
@@ -18,9 +21,9 @@ PERSIST_EVERY_S = 600.0
 class TrustedTime:
     """The later of the system's clock and a known time plus the time that has passed since.
 
-    Known times are that in `folder`, the revocation list's, and starts of validity. Without a battery-backed clock a
-    machine starts in 1970, or where it stopped. `system` returns Unix seconds, `running` seconds since any start; tests
-    pass their own.
+    Known times are that in `folder`, unless its file is spoilt, the revocation list's, and starts of validity. Without
+    a battery-backed clock a machine starts in 1970, or where it stopped. `system` returns Unix seconds, `running`
+    seconds since any start; tests pass their own.
     """
 
     def __init__(
@@ -73,7 +76,11 @@ class TrustedTime:
 def _read(path: Path) -> float:
     if not path.exists():
         return 0.0
-    text = files.read(path).strip()
-    if not (text.isdigit() and len(text) <= 12):
+    try:
+        text = files.read(path).strip()
+        if text.isdigit() and len(text) <= 12:
+            return float(text)
         raise ConfigurationError(f"{path}: {text[:40]!r}; expected Unix seconds, or no such file")
-    return float(text)
+    except ConfigurationError as error:  # as after a power loss
+        logger.error("%s; the other known times count", error)
+        return 0.0

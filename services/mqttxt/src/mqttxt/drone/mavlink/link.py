@@ -7,7 +7,9 @@ unnoticed beyond its deadline.
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
+import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -23,6 +25,8 @@ from .transports import AutopilotAddress, Transport, open_transport
 logger = logging.getLogger("mqttxt.mavlink")
 
 REOPEN_S = 1.0
+_NOT_YET = frozenset({errno.EADDRNOTAVAIL, socket.EAI_AGAIN})
+"""The errors of a UDP address that this machine may get later, as after its start."""
 _READS_AT_ONCE = 1000
 _HAS_KEY = Malformed("mavlink_signed", "the autopilot signs its messages; expected --mavlink-key with its key")
 _NO_STAMPS = Malformed("mavlink_no_stamps", "no time stamp of this key is left; expected another key at both ends")
@@ -60,13 +64,13 @@ class AutopilotLink:
         self._repeats = Repeats()
 
     async def run(self) -> None:
-        """Keep the link open until cancelled. Raises ConfigurationError if it cannot listen on the UDP address."""
+        """Keep the link open until cancelled. Raises ConfigurationError for a UDP address that cannot be."""
         told = ""
         while True:
             try:
                 self._transport = await open_transport(self.address, self._system_id, self._judge)
             except OSError as error:
-                if self.address.kind == "udp":
+                if self.address.kind == "udp" and error.errno not in _NOT_YET:
                     raise ConfigurationError(
                         f"autopilot {self.address}: cannot listen: {error.strerror or error}"
                     ) from error
@@ -116,6 +120,16 @@ class AutopilotLink:
                     self._on_malformed(_HAS_KEY)
                 if not self._repeats.is_copy(message, now_s()):
                     yield message
+
+    def discard(self) -> None:
+        """Read everything that has arrived, and drop it."""
+        now_s = asyncio.get_running_loop().time()
+        while self._transport is not None:
+            found = self._transport.read(now_s)
+            if found is None:
+                self._closed.set()
+            if found is None or not found.was_there:
+                return
 
     async def _read(self, transport: Transport) -> None:
         """Read until the other side has closed the link."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import logging
 import os
 import socket
@@ -188,11 +189,18 @@ class Serial(Transport):
     """A serial line."""
 
     def __init__(self, address: AutopilotAddress, judge: Judge) -> None:
+        import termios  # not on Windows, where addresses are parsed too
+
         super().__init__(judge)
         try:
             self._port = serial.Serial(address.host, address.port, timeout=0, write_timeout=0)
             self._frames = StreamFrames()
+        except termios.error as error:  # no OSError: the device vanished while it was opened
+            raise OSError(*error.args) from error
         except ValueError as error:
+            fault = error.__context__  # that of setting an uncommon rate
+            if isinstance(fault, OSError) and fault.errno == errno.EIO:
+                raise fault from None
             raise ConfigurationError(f"autopilot {address}: {error}; expected a rate that the device has") from error
 
     def fileno(self) -> int:

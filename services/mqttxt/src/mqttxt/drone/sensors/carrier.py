@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ...core.channel import Channel
 from ...core.effects import Inbound, Log, Publish, Subscribe
-from ...core.floods import Budget
+from ...core.floods import TokenBucket
 from ...core.settings import Retry
 from ...errors import PayloadError
 from ...protocol.codec import decode, encode
@@ -54,7 +54,7 @@ class Carrier:
         self._is_loading = False
         self._may_have_more = True
         self._fog_is_up = False
-        self._budget = Budget(SENSOR_PER_S, SENSOR_AT_ONCE)
+        self._budget = TokenBucket(SENSOR_PER_S, SENSOR_AT_ONCE)
 
     def on_connected(self, now_ms: int) -> list[Effect]:
         """Subscribe to readings on the drone's own broker."""

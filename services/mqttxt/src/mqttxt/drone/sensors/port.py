@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,9 +109,9 @@ class SensorPort:
         }
         """The function that carries out each kind of the carrier's effects."""
 
-    def jobs(self) -> list[Any]:
+    def jobs(self) -> list[Coroutine[Any, Any, None]]:
         """The coroutines that run as long as the UAV client does."""
-        embedded = [self._embedded.run()] if self._embedded is not None else []
+        embedded = [self._embedded.run(waits=True)] if self._embedded is not None else []
         return [*embedded, self._keep_link(), self._work()]
 
     def reload(self, newest: RevocationList) -> None:

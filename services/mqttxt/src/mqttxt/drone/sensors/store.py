@@ -6,11 +6,13 @@ Write-ahead log with full synchronisation: a finished transaction is on the disk
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 import sqlite3
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeGuard
 
 from ...core.disk import is_fault
 from ...errors import ConfigurationError, PayloadError
@@ -35,6 +37,8 @@ CREATE TABLE reading (
 )
 """
 _KEY = "sensor = ? AND boot = ? AND seq = ?"
+_SPOILT = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})
+"""SQLite's errors for a file that is not a whole database, as after a power loss."""
 
 
 @dataclass
@@ -64,6 +68,8 @@ class Done:
 class SensorStore:
     """At most `limit` readings in `path`, for one process at a time. Raises ConfigurationError for an unusable file.
 
+    A spoilt file is renamed to `path.spoilt-NUMBER`, and a new one takes its place.
+
     Use it from one thread at a time. A reading that is already stored counts as stored. While the disk is full or
     fails, even at the start, readings are refused.
     """
@@ -73,6 +79,10 @@ class SensorStore:
         self.limit = limit
         self._count = 0
         self._is_open = False
+        self._spoilt: sqlite3.Error | None = None
+        """Why the file is to be renamed."""
+        self._loaded = 0
+        """The highest place of a loaded reading; those of a new file are behind it."""
         try:
             self._open()
         except (OSError, sqlite3.Error) as error:
@@ -103,6 +113,9 @@ class SensorStore:
                 return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
             with contextlib.suppress(sqlite3.Error):  # after some errors sqlite has already rolled back
                 self._database.execute("ROLLBACK")
+            if _is_spoilt(error):
+                self.close()
+                self._is_open, self._spoilt = False, error
             return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
         return done
 
@@ -117,6 +130,28 @@ class SensorStore:
         if self._is_open:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        if self._spoilt is None:
+            try:
+                self._connect()
+                return
+            except sqlite3.Error as error:
+                if not _is_spoilt(error):
+                    raise
+                self._spoilt = error
+        self._set_aside(self._spoilt)
+        self._spoilt = None
+        self._connect()
+
+    def _set_aside(self, why: sqlite3.Error) -> None:
+        """Rename the file, after its log of changes, which would spoil a new file."""
+        names = (self.path.with_name(f"{self.path.name}.spoilt-{number}") for number in itertools.count(1))
+        aside = next(name for name in names if not name.exists())
+        for suffix in ("-wal", ""):
+            with contextlib.suppress(FileNotFoundError):
+                self.path.with_name(self.path.name + suffix).rename(aside.with_name(aside.name + suffix))
+        logger.error("%s: %s; it is kept as %s, and a new file takes the readings", self.path, why, aside.name)
+
+    def _connect(self) -> None:
         self._database = sqlite3.connect(self.path, timeout=1.0, isolation_level=None, check_same_thread=False)
         try:
             self._count = self._prepare()
@@ -134,6 +169,7 @@ class SensorStore:
         (version,) = run("PRAGMA user_version").fetchone()
         if version == 0:
             run(_SCHEMA)
+            run("INSERT INTO sqlite_sequence VALUES ('reading', ?)", (self._loaded,))
             run(f"PRAGMA user_version = {_VERSION}")
         elif version != _VERSION:
             raise sqlite3.DatabaseError(f"expected version {_VERSION} of its tables, got {version}")
@@ -176,6 +212,7 @@ class SensorStore:
             except PayloadError as error:
                 logger.error("%s: reading at place %d is corrupt and is removed: %s", self.path, place, error)
                 spoilt.append(place)
+            self._loaded = max(self._loaded, place)
             if len(rows) == wanted.most:
                 break
         found.close()
@@ -183,6 +220,10 @@ class SensorStore:
             self._database.execute("DELETE FROM reading WHERE place = ?", (place,))
             self._count -= 1
         return rows
+
+
+def _is_spoilt(error: OSError | sqlite3.Error) -> TypeGuard[sqlite3.Error]:
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF in _SPOILT
 
 
 def _restored(sensor: int, kind: str, payload: bytes) -> Reading:
