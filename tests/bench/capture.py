@@ -15,8 +15,7 @@ from tests.rigs.processes import wait_until
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame: when it was captured (Unix time), its ports, its length and that of its payload of TCP or UDP, in bytes.
-    """
+    """A frame: when it was captured (Unix time), its ports, its length and that of its payload of TCP or UDP, in bytes."""
 
     time_s: float
     source: int

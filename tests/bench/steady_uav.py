@@ -1,5 +1,4 @@
-"""A UAV client that publishes the five vital states once per second, changed or not: `steady_uav DRONE BROKER PORT …`.
-"""
+"""A UAV client that publishes the five vital states once per second, changed or not: `steady_uav DRONE BROKER PORT …`."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class _Flights:
         self._flying: dict[Future[Any], Job] = {}
 
     def all_of(self, left: Sequence[Job], of: int) -> list[str]:
-        """Fly series in order, as machines become free; returns a line for each series or number that does not count."""
+        """Fly series in order, as machines become free; returns a line per series or number that does not count."""
         self._client.subscribe_topic(TOPIC, lambda event: self._say(event[1]))
         waiting, troubles = list(left), list[str]()
         try:

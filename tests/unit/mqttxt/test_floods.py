@@ -12,7 +12,7 @@ from mqttxt.activator.role import PRESENCE_AT_ONCE
 from mqttxt.activator.stations import BIRTHS_AT_ONCE
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
-from mqttxt.core.floods import MOST_KNOWN, PAUSE_MS, STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
+from mqttxt.core.floods import MOST_KNOWN, PAUSE_MS, STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
 from mqttxt.core.ledger import CAPACITY
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Acknowledge, Journal, StoreReading
@@ -202,7 +202,7 @@ def test_a_sensor_that_floods_is_given_a_share_and_the_others_are_stored() -> No
 
 
 def test_a_budget_knows_no_more_stations_than_are_active() -> None:
-    budget = Budget(10, 20)
+    budget = TokenBucket(10, 20)
     assert all(budget.takes(session, session) for session in range(100_000))
     assert len(budget._paid_until_ms) <= MOST_KNOWN
 

@@ -231,3 +231,28 @@ def test_whatever_acknowledgements_are_lost_or_late_a_hold_in_the_air_is_written
             link.carry(out, late_tenths)
         for _ in range(tenths):
             link.tick(late_tenths)
+
+
+def test_a_lost_hold_of_the_ground_is_written_as_one_of_the_air_once_the_drone_has_left_it() -> None:
+    bench = flying(ON_GROUND)
+    bench.start(1, Takeoff(50.0))
+    bench.hear(ack(TAKEOFF), heartbeat(armed=True, main=4, sub=2))
+    bench.until(300)
+    assert written(bench.start(2, Hold(), deadline_ms=5000)) == [MODE]
+    bench.until(500)
+    bench.hear(landed(3))
+    assert written(bench.until(4000)) == [REPOSITION] * 4
+
+
+@pytest.mark.parametrize(("command", "number"), [(Hold(), REPOSITION), (Land(), 21), (Return(), MODE)])
+def test_what_brings_a_drone_down_needs_no_heartbeat_of_an_autopilot_that_is_heard(
+    command: Command, number: int
+) -> None:
+    bench = flying()
+    for now_ms in range(100, 8000, 100):
+        bench.now_ms = now_ms
+        bench.hear(position(20.0), landed(IN_AIR))
+    assert said(bench.start(1, THERE, deadline_ms=16_000)) == [(1, Word.DENIED, "no_autopilot")]
+    assert written(bench.start(2, command, deadline_ms=16_000)) == [number]
+    bench.now_ms += 3100
+    assert said(bench.start(3, command, deadline_ms=16_000)) == [(3, Word.DENIED, "no_autopilot")]

@@ -287,7 +287,32 @@ def test_a_drone_that_is_disarmed_is_not_flown_any_more() -> None:
 
 @pytest.mark.parametrize(("begun", "held"), [(lambda f: f, []), (lambda f: f.engage(), [MODE])])
 def test_a_process_that_ends_leaves_the_drone_in_hold(begun: Callable[[Flight], Flight], held: list[int]) -> None:
-    assert written(begun(Flight()).executor.leave()) == held
+    assert written(begun(Flight()).executor.leave(0)) == held
+
+
+def test_a_process_that_ends_repeats_the_hold_and_brakes() -> None:
+    flight = Flight().engage()
+    flight.fly_until(2000)
+    assert written(flight.executor.leave(flight.now_ms)) == [MODE]
+    out = flight.fly_until(2900)
+    assert written(out) == [MODE]
+    assert {point.message.vx for point in set_points(out)} == {0.0}
+
+
+def test_a_process_that_stood_still_commands_no_hold_before_a_fresh_heartbeat() -> None:
+    flight = Flight().engage()
+    flight.fly_until(2000)
+    flight.hear(in_offboard())
+    flight.now_ms = 22_000  # PX4 left offboard long ago, and a pilot may fly
+    out = flight.executor.tick(22_000)
+    out += flight.hear(heartbeat(armed=True, main=3, sub=0))
+    assert written(out) == []
+    still = Flight().engage()
+    still.fly_until(2000)
+    still.now_ms = 4000
+    out = still.executor.tick(4000)
+    out += still.hear(in_offboard())
+    assert MODE in written([*out, *still.fly_until(16_000)])
 
 
 def test_a_command_after_the_flight_does_not_wait_for_acknowledgements_that_have_come() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -10,9 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.core.address import BrokerAddress
+from mqttxt.core.hearing import STALL_MS
 from mqttxt.core.settings import Settings
 from mqttxt.drone.journal import JournalFile
-from mqttxt.drone.mavlink.transports import AutopilotAddress
+from mqttxt.drone.mavlink.transports import AutopilotAddress, Udp
 from mqttxt.drone.process import UavRunner
 from mqttxt.drone.recognition import GAP_MS, PATIENCE_MS, Recognition
 from mqttxt.errors import ConfigurationError
@@ -83,6 +85,7 @@ class Client:
     def hear(self, autopilot: int, system: int = 7) -> None:
         heartbeat = from_autopilot(mavlink.MAVLink_heartbeat_message(2, autopilot, 1, 0, 4, 3), system)
         self.patch.setattr(self.runner._autopilot, "messages", lambda: [heartbeat])
+        self.runner.ticked_ms = self.now_ms
         self.runner._on_readable()
 
     def keep_hearing(self, autopilot: int, system: int = 7) -> None:
@@ -132,3 +135,18 @@ async def test_a_process_ends_where_such_heartbeats_keep_coming(
 async def test_what_is_no_autopilot_may_keep_coming(client: Client) -> None:
     client.keep_hearing(INVALID)
     assert not client.runner._heard.is_set()
+
+
+async def test_what_waited_while_the_process_stood_still_is_no_sign_of_life(client: Client) -> None:
+    beat = mavlink.MAVLink_heartbeat_message(2, PX4, 1, 0, 4, 3).pack(
+        mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
+    )
+    at = client.runner._autopilot._transport
+    assert isinstance(at, Udp)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+        autopilot.sendto(beat, at._socket.getsockname())
+        client.now_ms += STALL_MS + 1
+        await eventually(lambda: client.runner.ticked_ms == client.now_ms, "it ticks again")
+        assert client.runner.client.vehicle.heartbeat_ms is None
+        autopilot.sendto(beat, at._socket.getsockname())
+        await eventually(lambda: client.runner.client.vehicle.heartbeat_ms is not None, "the next one counts")

@@ -18,6 +18,7 @@ from mqttxt.protocol.commands import Arm, Disarm, Hold, Land, Return
 from mqttxt.protocol.control import DroneLease
 from mqttxt.protocol.messages import BeaconMessage, CommandId, Presence, Word
 from tests.simulation.world import (
+    GS_SESSION,
     UAV_SESSION,
     World,
     ack,
@@ -225,6 +226,36 @@ def test_what_an_earlier_session_left_open_is_unconfirmed() -> None:
     again = hear(uav, command_payload(Arm(), deadline_ms=0), 10)
     assert words(again) == [(Word.UNCONFIRMED, "restarted")]
     assert transmitted(again) == []
+
+
+def test_an_id_of_an_earlier_session_is_never_expired_however_late_the_fog_is_found() -> None:
+    uav = UavClient(1, UAV_SESSION, Settings(), unfinished=[Unfinished(CommandId(GS_SESSION, 7), "land")])
+    for message in (heartbeat(), home(), position(), landed(1)):
+        uav.on_mavlink(message, 700_000)
+    first, second = [one for one in uav.on_connected("fog", 700_000) if isinstance(one, Subscribe)]
+    uav.on_subscribed(first, 700_001)
+    hear(uav, command_payload(Hold(), seq=8, deadline_ms=705_000), 700_002)
+    assert words(uav.on_subscribed(second, 700_003))[:1] == [(Word.UNCONFIRMED, "restarted")]
+    assert words(hear(uav, command_payload(Land(), seq=7, deadline_ms=0), 702_000)) == [(Word.UNCONFIRMED, "restarted")]
+
+
+def test_a_command_that_waited_for_the_disk_is_judged_again() -> None:
+    uav = client()
+    for seq in (5, 4):
+        uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(Arm(), seq=seq))), 1000)
+    uav.desk.on_journalled(CommandId(GS_SESSION, 5), 1800)
+    assert words(uav.desk.on_journalled(CommandId(GS_SESSION, 4), 1900)) == [(Word.OVERTAKEN, None)]
+    uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(Arm(), seq=6, epoch=0))), 2000)
+    uav.desk.epoch = 1
+    assert words(uav.desk.on_journalled(CommandId(GS_SESSION, 6), 2100)) == [(Word.DENIED, "not_in_control")]
+
+
+def test_nothing_is_begun_after_a_clean_stop() -> None:
+    uav = client()
+    uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(Arm(), seq=5))), 1000)
+    uav.goodbye(1100)
+    assert uav.desk.on_journalled(CommandId(GS_SESSION, 5), 1200) == []
+    assert hear(uav, command_payload(Arm(), seq=6), 1200) == []
 
 
 def test_a_question_of_the_activator_is_echoed_at_once() -> None:

@@ -540,7 +540,7 @@ async def test_a_process_does_not_wait_for_its_tick_to_say_what_is_due(monkeypat
     runner = ActivatorRunner(1, *brokers, Settings())
     left: list[Publish] = []
     monkeypatch.setattr(runner.links["cloud"], "publish", left.append)
-    together = runner.activator.relay.words.together
+    together = runner.activator.together
     word = ResultMessage(gs_session=GS_SESSION, seq=1, session=UAV_SESSION, stamp=1, word=Word.ACCEPTED)
     start_ms = runner.clock.now_ms()
     for drone in (1, 2):

@@ -93,7 +93,14 @@ class FogUnreachable(MqttxtError):
 
 
 class TransferFailed(MqttxtError):
-    """A drone did not store, or not deliver, an object such as a plan; the message says why."""
+    """A drone did not store, or not deliver, an object such as a plan; the message says why.
+
+    `reason` is the drone's own, as `unknown_hash`; None if it gave none.
+    """
+
+    def __init__(self, message: str, reason: str | None = None) -> None:
+        super().__init__(message)
+        self.reason = reason
 
 
 class StationEnded(MqttxtError):

@@ -394,7 +394,7 @@ async def check_activator_air(
     """Check an activator's gateway; raises ConfigurationError for a missing broker or a bad `run`."""
     topics, fog_side, clock = CloudSide(target.fog, target.prefix), FogSide(target.fog_root), SessionClock()
     values = {"broker": str(cloud_broker), "fog_broker": str(fog_broker), "fog": str(target.fog), "drones": "1,2"}
-    values |= {"fog_root": target.fog_root, "air_sn": "{}:{}".format(*gateway)}
+    values |= {"fog_root": target.fog_root, "air_sn": f"{gateway[0]}:{gateway[1]}"}
     subject, own = Subject(target.run, values, target.log), f"conformance-{secrets.token_hex(4)}"
     cloud, fog = Tap(cloud_broker, own, clock), Tap(fog_broker, f"{own}-fog", clock)
     await cloud.connect("--broker")

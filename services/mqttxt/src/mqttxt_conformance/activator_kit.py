@@ -49,8 +49,9 @@ class Station:
         """Publish a registration; returns its nonce."""
         nonce = secrets.randbelow(2**32)
         self.asked[nonce] = self._clock.now_ms()
-        fields: dict[str, Any] = {"name": self.name, "session": self.session, "nonce": nonce, "lease_s": lease_s}
-        message = Registration(**fields, control=control, **more)
+        message = Registration(
+            name=self.name, session=self.session, nonce=nonce, lease_s=lease_s, control=control, **more
+        )
         self._tap.publish(self._topics.init_connect, encode(message))
         return nonce
 
@@ -179,16 +180,16 @@ class ActivatorKit:
         """A valid command of the kit's station, but for the `changed` fields."""
         self.station.seq += 1
         ttl_ms = changed.pop("ttl_ms", 3000)
-        fields = {
-            "gs_session": self.station.session,
-            "seq": self.station.seq,
-            "executor_session": self.session,
-            "deadline_ms": self.deadline(ttl_ms),
-            "limit_s": 10.0,
-            "epoch": max((self.record(number).get("epoch", 0) for number in (1, 2)), default=0),
-            "command": command or Arm(),
-        }
-        return CommandMessage(**{**fields, **changed})
+        valid = CommandMessage(
+            gs_session=self.station.session,
+            seq=self.station.seq,
+            executor_session=self.session,
+            deadline_ms=self.deadline(ttl_ms),
+            limit_s=10.0,
+            epoch=max((self.record(number).get("epoch", 0) for number in (1, 2)), default=0),
+            command=command or Arm(),
+        )
+        return replace(valid, **changed)
 
     def publish(self, message: CommandMessage, drone: int | None = 1, **options: Any) -> None:
         topic = self.topics.broadcast if drone is None else self.topics.drone_commands(drone)

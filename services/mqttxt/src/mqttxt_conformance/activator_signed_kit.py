@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
+from dataclasses import replace
 from typing import Any
 
 from mqttxt.core.clock import Beacon, RemoteClock, SessionClock, stamp
@@ -165,13 +166,17 @@ class SignedActivatorKit:
     def registration(self, **changed: Any) -> Registration:
         """A valid registration, but for the `changed` fields."""
         self.counter += 1
-        nonce = secrets.randbelow(2**32)
-        fields: dict[str, Any] = {
-            **{"name": STATION, "session": self.gs_session, "nonce": nonce, "lease_s": LEASE_S},
-            **{"control": Control.WANT, "activator_session": self.session, "counter": self.counter},
-            "until_ms": self.remote.deadline_ms(self.clock.now_ms(), LEASE_S * 1000),
-        }
-        return Registration(**{**fields, **changed})
+        valid = Registration(
+            name=STATION,
+            session=self.gs_session,
+            nonce=secrets.randbelow(2**32),
+            lease_s=LEASE_S,
+            control=Control.WANT,
+            activator_session=self.session,
+            counter=self.counter,
+            until_ms=self.remote.deadline_ms(self.clock.now_ms(), LEASE_S * 1000),
+        )
+        return replace(valid, **changed)
 
     async def registered(self, seal: Seal | None = None, sign: bool = True, **changed: Any) -> bool:
         """Register; returns whether a beacon echoes the nonce."""

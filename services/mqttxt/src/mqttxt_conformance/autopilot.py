@@ -132,7 +132,23 @@ class Autopilot:
         healthy = mavlink.MAV_SYS_STATUS_PREARM_CHECK
         self.send(mavlink.MAVLink_home_position_message(*HOME, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0))
         self.send(mavlink.MAVLink_vfr_hud_message(0, 0, 90, 0, HOME[2] / 1000, 0))
-        self.send(mavlink.MAVLink_sys_status_message(*(healthy,) * 3, 100, 12_000, 0, 87, 0, 0, 0, 0, 0, 0))
+        self.send(
+            mavlink.MAVLink_sys_status_message(
+                onboard_control_sensors_present=healthy,
+                onboard_control_sensors_enabled=healthy,
+                onboard_control_sensors_health=healthy,
+                load=100,
+                voltage_battery=12_000,
+                current_battery=0,
+                battery_remaining=87,
+                drop_rate_comm=0,
+                errors_comm=0,
+                errors_count1=0,
+                errors_count2=0,
+                errors_count3=0,
+                errors_count4=0,
+            )
+        )
         cells = [4000] + [65_535] * 9
         self.send(mavlink.MAVLink_battery_status_message(0, 0, 1, 32_767, cells, 0, -1, -1, 87))
         for index, (name, value) in enumerate((("MPC_XY_VEL_MAX", 12.0), ("MPC_XY_CRUISE", 5.0))):

@@ -227,9 +227,9 @@ class BrokerKit:
             raise NotTested("needs the URLs of several nodes")
 
 
-def options(**values: Any) -> SubscribeOptions:
+def options(*, qos: int = 1, **values: Any) -> SubscribeOptions:
     """Subscription options, with QoS 1 by default."""
-    return SubscribeOptions(**{"qos": 1, **values})
+    return SubscribeOptions(qos=qos, **values)
 
 
 def publish_properties(**values: Any) -> Properties:

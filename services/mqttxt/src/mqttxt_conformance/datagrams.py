@@ -49,9 +49,9 @@ _PLACES = {
 """The numeric fields at the start of each kind of packet, with their layout."""
 _STREAM = struct.Struct(">BHHH")
 _NAMES = (
-    *("reachable", "clock", "init_connect", "stations", "control"),
-    *("states", "commands", "bulk", "bulk_answer", "sensor_ack"),
-)
+    "reachable", "clock", "init_connect", "stations", "control",
+    "states", "commands", "bulk", "bulk_answer", "sensor_ack",
+)  # fmt: skip
 
 Address = tuple[Any, ...]
 

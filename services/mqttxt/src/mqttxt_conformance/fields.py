@@ -24,9 +24,9 @@ ANSWERS = ("", "have", "piece", "refused", "unchanged", "making")
 FIRST_WORDS = ("accepted", "in_progress")
 CONTROLS = ("none", "want", "take")
 COMMANDS = (
-    *("", "arm", "disarm", "takeoff", "land", "goto", "hold", "return", "offboard", "stream", "mavlink"),
-    *("upload_plan", "clear_plan", "start_mission", "pause", "resume", "set_current_item", "set_parameter"),
-)
+    "", "arm", "disarm", "takeoff", "land", "goto", "hold", "return", "offboard", "stream", "mavlink",
+    "upload_plan", "clear_plan", "start_mission", "pause", "resume", "set_current_item", "set_parameter",
+)  # fmt: skip
 
 Judge = Callable[[Any, bool], bool]
 """Whether a value is permitted in a field; the flag is true for JSON."""
@@ -87,9 +87,9 @@ _SPEED, _SPEED_ALONG = _scaled(0, 655, 100), _scaled(-327.68, 327.67, 100)
 _FIXES = ("no_gps", "no_fix", "fix_2d", "fix_3d", "dgps", "rtk_float", "rtk_fixed", "static", "ppp")
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 _MODES = (
-    *("unknown", "manual", "altitude", "position", "acro", "stabilized", "offboard", "hold", "mission", "takeoff"),
-    *("return", "land", "follow", "precision_land", "orbit"),
-)
+    "unknown", "manual", "altitude", "position", "acro", "stabilized", "offboard", "hold", "mission", "takeoff",
+    "return", "land", "follow", "precision_land", "orbit",
+)  # fmt: skip
 _ID = {"version": _VERSION, "gs_session": _SESSION, "seq": _U32}
 
 MESSAGES: dict[str, dict[str, Judge]] = {

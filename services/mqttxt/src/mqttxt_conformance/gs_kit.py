@@ -168,9 +168,13 @@ class GsKit:
         """Publish the drone's words about a command."""
         self.answered[command.heard.payload] = self.clock.now_ms()
         if command.heard.topic == self.topics.broadcast:
-            about = {name: command.fields[name] for name in ("gs_session", "seq")}
-            now, roster = stamp(self.activator.now_ms()), (RosterEntry(drone=self.drone, session=self.drone_session),)
-            message = FogResultMessage(**about, session=self.activator.session, stamp=now, roster=roster)
+            message = FogResultMessage(
+                gs_session=command.fields["gs_session"],
+                seq=command.fields["seq"],
+                session=self.activator.session,
+                stamp=stamp(self.activator.now_ms()),
+                roster=(RosterEntry(drone=self.drone, session=self.drone_session),),
+            )
             if self.enrolments[-1].fields.get("bundles"):
                 self._say_together(command, message, words)
                 return

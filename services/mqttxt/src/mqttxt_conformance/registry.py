@@ -60,10 +60,10 @@ class Finding:
 
 
 ROLES = (
-    *("uav", "uav with two connections", "uav over datagrams"),
-    *("activator", "activator with two brokers", "activator over datagrams", "signed activator"),
-    *("gs", "broker"),
-)
+    "uav", "uav with two connections", "uav over datagrams",
+    "activator", "activator with two brokers", "activator over datagrams", "signed activator",
+    "gs", "broker",
+)  # fmt: skip
 RULES: dict[str, list[Rule]] = {role: [] for role in ROLES}
 """Every rule of each role, in the order in which they are checked."""
 

@@ -154,11 +154,18 @@ class Tap(Line):
     ) -> None:
         """Connect; raises ConfigurationError, which names the option `what`, if no broker answers or it refuses."""
         if will is not None:
-            self._client.will_set(*will, qos=1, retain=True, properties=will_properties)
-        where = self._address.host, self._address.port, keepalive_s
+            topic, payload = will
+            self._client.will_set(topic, payload, qos=1, retain=True, properties=will_properties)
         try:
             await self._loop.run_in_executor(
-                None, lambda: self._client.connect(*where, clean_start=clean_start, properties=properties)
+                None,
+                lambda: self._client.connect(
+                    self._address.host,
+                    self._address.port,
+                    keepalive_s,
+                    clean_start=clean_start,
+                    properties=properties,
+                ),
             )
             self._client.loop_start()
             async with asyncio.timeout(CONNECT_S):
@@ -214,9 +221,13 @@ class Tap(Line):
             self._loop.call_soon_threadsafe(act, *args)
 
     def _on_message(self, _client: Client, _userdata: Any, message: MQTTMessage) -> None:
-        expiry_s = getattr(message.properties, "MessageExpiryInterval", None)
         heard = Heard(
-            *(self._clock.now_ms(), message.topic, bytes(message.payload), message.qos, message.retain, expiry_s),
+            at_ms=self._clock.now_ms(),
+            topic=message.topic,
+            payload=bytes(message.payload),
+            qos=message.qos,
+            retain=message.retain,
+            expiry_s=getattr(message.properties, "MessageExpiryInterval", None),
             properties=message.properties,
         )
         self._call(self.take, heard)

@@ -95,8 +95,16 @@ class Gateway(AirLine):
 class AirKit(UavKit):
     """The world of a UAV client over datagrams."""
 
-    def __init__(self, gateway: Gateway, *of_the_kit: Any) -> None:
-        super().__init__(*of_the_kit)
+    def __init__(
+        self,
+        gateway: Gateway,
+        drone: int,
+        topics: FogSide,
+        autopilot: Autopilot,
+        subject: Subject,
+        clock: SessionClock,
+    ) -> None:
+        super().__init__(drone, topics, autopilot, gateway, subject, clock)
         self.air = gateway
 
     def leaves_unanswered(self, which: Callable[[Packet], bool]) -> None:
@@ -377,7 +385,7 @@ async def check_uav_air(
     values = {"broker": str(gateway), "drone": str(target.drone), "autopilot": f"udp:{host}:{port}"}
     subject = Subject(target.run, values, target.log)
     air = Gateway(ids_of(topics.root, target.drone), clock)
-    kit = AirKit(air, target.drone, topics, Autopilot(host, port, target.drone, clock), air, subject, clock)
+    kit = AirKit(air, target.drone, topics, Autopilot(host, port, target.drone, clock), subject, clock)
     checked = RULES[ROLE]
     await air.open("--broker", local=(gateway.host, gateway.port))
     try:

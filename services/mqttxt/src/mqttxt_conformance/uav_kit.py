@@ -158,7 +158,7 @@ class UavKit:
             fields |= {"counter": self.secured.counter, "heard_ms": self._newest_ms}
             if changed.get("holder_session") is not None:
                 fields["holder"] = STATION
-        lease = DroneLease(**{**fields, **changed})
+        lease = DroneLease(**(fields | changed))
         self._holder = lease.holder_session
         if lease.holder_session is not None and granted:
             self.introduce(lease.holder_session)
@@ -201,16 +201,16 @@ class UavKit:
     def command(self, command: Command | None = None, **changed: Any) -> CommandMessage:
         """A valid command of a new station, but for the `changed` fields; `ttl_ms` sets the deadline."""
         ttl_ms = changed.pop("ttl_ms", 5000)
-        fields = {
-            "gs_session": secrets.randbelow(2**32 - 1) + 1,
-            "seq": 1,
-            "executor_session": self.session,
-            "deadline_ms": self.deadline(ttl_ms),
-            "limit_s": 10.0,
-            "epoch": self.epoch,
-            "command": command or Arm(),
-        }
-        message = CommandMessage(**{**fields, **changed})
+        valid = CommandMessage(
+            gs_session=secrets.randbelow(2**32 - 1) + 1,
+            seq=1,
+            executor_session=self.session,
+            deadline_ms=self.deadline(ttl_ms),
+            limit_s=10.0,
+            epoch=self.epoch,
+            command=command or Arm(),
+        )
+        message = replace(valid, **changed)
         self.introduce(message.gs_session)
         return message
 

@@ -14,7 +14,7 @@ from typing import Any
 from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS, expiry_s
 from ..core.effects import Audit, Effect, Inbound, Log, Publish
-from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
 from ..core.ledger import FOG_CAPACITY, OVERRIDING, Admission, Entry, Ledger, Share
 from ..core.session_owners import SessionOwners
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
@@ -43,6 +43,7 @@ from .drones import Drones
 from .leases import Leases
 from .legs import CHOSEN, Job, Leg
 from .signed_commands import SignedCommand, SignedCommands
+from .together import WordsTogether
 
 FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
 """A drone is busy from one of these commands to its last word."""
@@ -58,7 +59,8 @@ class Relay:
     """The commands of one activator session; `words` publishes their results.
 
     `on_overriding` is called with the session of the station whose hold, land or return was admitted. While
-    `is_audited` returns false, other commands than these are denied (R14.6).
+    `is_audited` returns false, other commands than these are denied (R14.6); None: no audit log is required.
+    `has_paths`: the fog has several connections.
     """
 
     def __init__(
@@ -71,6 +73,10 @@ class Relay:
         drones: Drones,
         leases: Leases,
         owners: SessionOwners,
+        *,
+        together: WordsTogether,
+        has_paths: bool,
+        is_audited: Callable[[], bool] | None,
     ) -> None:
         self._session = session
         self._leases = leases
@@ -80,13 +86,12 @@ class Relay:
         self._drones = drones
         self.signed = SignedCommands(to_cloud.seal, owners) if to_cloud.seal is not None else None
         self.ledger: Ledger[Job] = Ledger(FOG_CAPACITY)
-        self.words = RelayWords(session, to_cloud, cloud, drones, leases, self.ledger)
+        self.words = RelayWords(session, to_cloud, cloud, drones, leases, self.ledger, together)
         self.fog_connected = False
-        self.has_paths = False
-        """Whether the fog has several connections."""
+        self.has_paths = has_paths
         self._repetitions: Repetitions[CommandId] = Repetitions()
-        self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
-        self.is_audited: Callable[[], bool] = lambda: True
+        self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
+        self.is_audited = is_audited
         self.on_overriding: Callable[[int, int], list[Effect]] = lambda gs_session, now_ms: []
 
     def on_command(self, topic: DroneTopic | FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
@@ -241,7 +246,9 @@ class Relay:
             return "deadline_too_far"
         if job.target is None and not isinstance(job.message.command, BROADCASTABLE):
             return "not_broadcastable"
-        if not (job.query or isinstance(job.message.command, OVERRIDING) or self.is_audited()):
+        if not (
+            job.query or isinstance(job.message.command, OVERRIDING) or self.is_audited is None or self.is_audited()
+        ):
             return NOT_AUDITED
         return None
 

@@ -38,9 +38,16 @@ class RelayWords:
     """
 
     def __init__(
-        self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, leases: Leases, ledger: Ledger[Job]
+        self,
+        session: int,
+        to_cloud: Channel,
+        cloud: CloudSide,
+        drones: Drones,
+        leases: Leases,
+        ledger: Ledger[Job],
+        together: WordsTogether,
     ) -> None:
-        self.together = WordsTogether(session, to_cloud, cloud)
+        self._together = together
         self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
         self._session = session
         self._name = f"fog{cloud.fog}"
@@ -61,7 +68,7 @@ class RelayWords:
         relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
         entry = self._ledger.get(result.id)
         if entry is None:
-            return [*self.together.flush(now_ms), self._publish(link.number, name, relayed, signed)]
+            return [*self._together.flush(now_ms), self._publish(link.number, name, relayed, signed)]
         leg = entry.record.legs.get(link.number)
         if leg is None:
             return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
@@ -73,7 +80,7 @@ class RelayWords:
             if signed is not None:
                 leg.signed[leg.truth] = signed
             leg.said.append(self._publish(link.number, name, leg.truth, signed))
-            return [self._audited(leg, leg.truth, now_ms), *self.together.flush(now_ms), leg.said[-1]]
+            return [self._audited(leg, leg.truth, now_ms), *self._together.flush(now_ms), leg.said[-1]]
         if any(word.word is result.word and word.percent == result.percent for word in leg.words):
             return []
         earlier = leg.words[-1].word if leg.words else None
@@ -93,15 +100,15 @@ class RelayWords:
         name = entry.record.message.command.name
         entry.record.answer = alone = self._publish_of_fog(name, result)
         if entry.record.query or not self._leases.reads_together(entry.id.gs_session):
-            return [*self.together.flush(now_ms), alone]
-        return [*self.together.open(name, entry.id, roster, alone, now_ms)]
+            return [*self._together.flush(now_ms), alone]
+        return [*self._together.open(name, entry.id, roster, alone, now_ms)]
 
     def deny_whole(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
         """Deny a command for the whole fog."""
         result = self._fog_result(entry.id, None, reason, now_ms)
         entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
         audit = Audit("word", result, now_ms, self._name, None, self._channel.seal is not None)
-        return [audit, *self.together.flush(now_ms), entry.record.answer]
+        return [audit, *self._together.flush(now_ms), entry.record.answer]
 
     def deny(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> list[Effect]:
         """Deny a command that has no place in the ledger."""
@@ -109,13 +116,13 @@ class RelayWords:
             denial = self._publish_of_fog(name, self._fog_result(command_id, None, reason, now_ms))
         else:
             denial = self._publish(drone, name, self._own(command_id, Word.DENIED, reason, now_ms))
-        return [*self.together.flush(now_ms), denial]
+        return [*self._together.flush(now_ms), denial]
 
     def repeat(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
         """Answer a duplicate: repeat the roster, each drone's newest word and the `settled` one after it, unchanged."""
         answer = [entry.record.answer] if entry.record.answer is not None else []
         said = (word for leg in entry.record.legs.values() for word in leg.said)
-        return [*self.together.flush(now_ms), *answer, *said]
+        return [*self._together.flush(now_ms), *answer, *said]
 
     def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
         leg.words.append(result)
@@ -133,11 +140,11 @@ class RelayWords:
         leg.said = [alone]
         out: list[Effect]
         if job.target is None and not job.query and self._leases.reads_together(result.gs_session):
-            out = [*self.together.add(name, leg.drone, result, alone, now_ms)]
-            if all(leg.is_closed or self.together.waits(leg.drone) for leg in job.legs.values()):
-                out += self.together.flush(now_ms)  # no drone is left to wait for
+            out = [*self._together.add(name, leg.drone, result, alone, now_ms)]
+            if all(leg.is_closed or self._together.waits(leg.drone) for leg in job.legs.values()):
+                out += self._together.flush(now_ms)  # no drone is left to wait for
         else:
-            out = [*self.together.flush(now_ms), alone]
+            out = [*self._together.flush(now_ms), alone]
         if leg.is_closed:
             out.append(self._audited(leg, leg.words[-1], now_ms))
         if leg.is_closed and entry.record.choosing:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -70,14 +71,17 @@ class ActivatorRunner(Runner):
             cloud=cloud,
             fog_side=fog_side,
             seal=seal,
+            has_paths=second is not None,
+            is_audited=audit.takes if audit is not None and audit.required else None,
         )
         brokers = connections(FOG, fog_broker, second)
         lists = {CLOUD: cloud.revoked} | dict.fromkeys(brokers, fog_side.revoked)
         super().__init__(self.activator, clock, ready_file, identity, lists, audit=audit)
-        if audit is not None and audit.required:
-            self.activator.relay.is_audited = audit.takes
         self._embedded = embedded
-        self._air = Air(*air, fog_broker, root, self.count, identity) if air is not None else None
+        self._air: Air | None = None
+        if air is not None:
+            air_host, air_port = air
+            self._air = Air(air_host, air_port, fog_broker, root, self.count, identity)
         self._waking: asyncio.TimerHandle | None = None
         client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
         self.links[CLOUD] = MqttLink(
@@ -91,7 +95,6 @@ class ActivatorRunner(Runner):
         )
         events: LinkEvents = self
         if second is not None:
-            self.activator.relay.has_paths = True
             events = self.bonds[FOG] = Bond(
                 FOG, self, lambda lost: self.activator.on_path(lost, clock.now_ms()), self.activator.path_of
             )
@@ -104,7 +107,7 @@ class ActivatorRunner(Runner):
             if second is not None:
                 self.bonds[FOG].add(name, link)
 
-    def jobs(self) -> list[Any]:
+    def jobs(self) -> list[Coroutine[Any, Any, None]]:
         own = [each.run() for each in (self._embedded, self._air) if each is not None]
         return [*own, *super().jobs()]
 

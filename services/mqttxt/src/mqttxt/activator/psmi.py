@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TypeVar
 
 from ..protocol.commands import Goto, haversine_m
@@ -113,4 +114,4 @@ def _value(link: DroneLink, cls: type[Value]) -> Value | None:
 
 
 def _with_reason(candidate: Candidate, reason: str) -> Candidate:
-    return Candidate(**{**vars(candidate), "reason": reason})
+    return replace(candidate, reason=reason)

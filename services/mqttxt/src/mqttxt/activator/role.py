@@ -8,7 +8,7 @@ from typing import Any
 
 from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Log, Publish, Subscribe, Will
-from ..core.floods import Budget
+from ..core.floods import TokenBucket
 from ..core.hearing import Hearing
 from ..core.session_owners import SessionOwners
 from ..core.settings import Settings
@@ -27,6 +27,7 @@ from .selector import Selector
 from .sensor_relay import Carried, SensorRelay
 from .state_relay import StateRelay
 from .stations import Stations
+from .together import WordsTogether
 
 DRONE_PER_S, DRONE_AT_ONCE = 2000, 4000
 """Limits for states, readings and words of one drone: about forty states at the highest rate that `stream` allows."""
@@ -41,7 +42,10 @@ Handler = Callable[[Any, Inbound, int], list[Effect]]
 
 
 class Activator:
-    """One activator session. Times are milliseconds of its session clock. With a `seal` messages are signed."""
+    """One activator session. Times are milliseconds of its session clock. With a `seal` messages are signed.
+
+    `has_paths` and `is_audited` are `Relay`'s.
+    """
 
     def __init__(
         self,
@@ -54,6 +58,8 @@ class Activator:
         cloud: CloudSide | None = None,
         fog_side: FogSide | None = None,
         seal: Seal | None = None,
+        has_paths: bool = False,
+        is_audited: Callable[[], bool] | None = None,
     ) -> None:
         self.fog = fog
         self.session = session
@@ -64,19 +70,36 @@ class Activator:
         self._to_cloud = Channel(CLOUD, self.cloud.prefix, settings, seal)
         self._to_fog = Channel(FOG, self.fog_side.root, settings, seal)
         self.owners = SessionOwners(self.leases.names)
-        topics, channels = (self.cloud, self.fog_side), (self._to_cloud, self._to_fog)
-        self.drones = Drones(session, *channels, *topics, drones, self.leases)
-        self.relay = Relay(session, *channels, *topics, self.drones, self.leases, self.owners)
-        self.selector = Selector(session, self._to_cloud, self.cloud, self.drones, self.leases, self.relay)
-        self.states = StateRelay(session, *channels, self.cloud, self.drones, self.leases)
+        self.drones = Drones(session, self._to_cloud, self._to_fog, self.cloud, self.fog_side, drones, self.leases)
+        self.together = WordsTogether(session, self._to_cloud, self.cloud)
+        self.relay = Relay(
+            session,
+            self._to_cloud,
+            self._to_fog,
+            self.cloud,
+            self.fog_side,
+            self.drones,
+            self.leases,
+            self.owners,
+            together=self.together,
+            has_paths=has_paths,
+            is_audited=is_audited,
+        )
+        self.selector = Selector(
+            session, self._to_cloud, self.cloud, self.drones, self.leases, self.relay, self.together
+        )
+        self.states = StateRelay(session, self._to_cloud, self._to_fog, self.cloud, self.drones, self.leases)
         self.sensors = SensorRelay(self._to_fog, self.cloud, self.fog_side, self.leases)
-        self.bulk = BulkRelay(*channels, *topics, self.drones, self.leases, self.owners)
-        self._births = Births(*topics, self.drones, self.leases)
+        self.bulk = BulkRelay(
+            self._to_cloud, self._to_fog, self.cloud, self.fog_side, self.drones, self.leases, self.owners
+        )
+        self._births = Births(self.cloud, self.fog_side, self.drones, self.leases)
         self.ownership = Ownership(session, self._to_cloud, self.cloud, self.drones, self._births, self.owners, broker)
         self._hearing = Hearing(CLOUD, self.ownership.introduction)
         self._stations = Stations(
             session,
-            *channels,
+            self._to_cloud,
+            self._to_fog,
             self.fog_side,
             self.drones,
             self.leases,
@@ -86,8 +109,8 @@ class Activator:
             self.states,
             self.sensors,
         )
-        self._of_drones = Budget(DRONE_PER_S, DRONE_AT_ONCE)
-        self._presence_of_drones = Budget(PRESENCE_PER_S, PRESENCE_AT_ONCE)
+        self._of_drones = TokenBucket(DRONE_PER_S, DRONE_AT_ONCE)
+        self._presence_of_drones = TokenBucket(PRESENCE_PER_S, PRESENCE_AT_ONCE)
         self._seal = seal
         self._sides: Mapping[str, CloudSide | FogSide] = {CLOUD: self.cloud, FOG: self.fog_side}
         self._handlers = self._made_handlers(seal)
@@ -194,17 +217,17 @@ class Activator:
     @property
     def together_due_ms(self) -> int | None:
         """When words that wait for others must be sent; None if none wait."""
-        return self.relay.words.together.due_ms
+        return self.together.due_ms
 
     def say_together(self, now_ms: int) -> list[Effect]:
         """Publish the words that have waited for others long enough; to be called at `together_due_ms` too."""
-        return self._with_bundle([*self.relay.words.together.tick(now_ms)], now_ms)
+        return self._with_bundle([*self.together.tick(now_ms)], now_ms)
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """Publish waiting words, then that neither the fog nor its drones are reachable."""
         self._hearing.end()
-        self.relay.words.together.is_ended = True
-        return [*self.relay.words.together.flush(now_ms), *self.ownership.goodbye()]
+        self.together.is_ended = True
+        return [*self.together.flush(now_ms), *self.ownership.goodbye()]
 
     def _made_handlers(self, seal: Seal | None) -> dict[tuple[str, type[Topic], str], Handler]:
         """The handlers of messages, by broker and kind of topic."""

@@ -24,6 +24,7 @@ from .leases import Leases
 from .legs import CHOSEN, Job, Leg
 from .psmi import rank
 from .signed_commands import SelectContents
+from .together import WordsTogether
 
 LONGEST_HOLD_MS = 60_000
 MOST_RESERVATIONS = 256
@@ -59,7 +60,14 @@ class Selector:
     """The choices of one activator session."""
 
     def __init__(
-        self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, leases: Leases, relay: Relay
+        self,
+        session: int,
+        to_cloud: Channel,
+        cloud: CloudSide,
+        drones: Drones,
+        leases: Leases,
+        relay: Relay,
+        together: WordsTogether,
     ) -> None:
         self._session = session
         self._channel = to_cloud
@@ -67,6 +75,7 @@ class Selector:
         self._drones = drones
         self._leases = leases
         self._relay = relay
+        self._together = together
         self._choices: dict[CommandId, Choice] = {}
         self._reservations: dict[CommandId, Reservation] = {}
         self._repetitions: Repetitions[CommandId] = Repetitions()
@@ -243,7 +252,7 @@ class Selector:
             hold_until_ms=hold_until_ms,
         )
         choice.chosen, choice.said = chosen, self._channel.publish(self._cloud.psmi, message)
-        return [*self._relay.words.together.flush(now_ms), choice.said]
+        return [*self._together.flush(now_ms), choice.said]
 
     def _said_again(self, command_id: CommandId) -> list[Effect]:
         choice = self._choices.get(command_id)

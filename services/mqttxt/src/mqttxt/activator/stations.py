@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Log, Publish
-from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
 from ..core.session_owners import SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
@@ -57,8 +57,8 @@ class Stations:
         self._ownership = ownership
         self._states = states
         self._sensors = sensors
-        self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
-        self._births_budget = Budget(BIRTHS_PER_S, BIRTHS_AT_ONCE)
+        self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
+        self._births_budget = TokenBucket(BIRTHS_PER_S, BIRTHS_AT_ONCE)
         self._welcomes: Repetitions[str] = Repetitions()
         self._shown: Repetitions[str] = Repetitions()
         self._session = session

@@ -189,11 +189,11 @@ def gs(
     from .parameters import check_times
 
     async def job() -> int:
-        numbers = check_number("--fog", fog), check_number("--drone", drone, MAX_DRONE)
+        fog_number, drone_number = check_number("--fog", fog), check_number("--drone", drone, MAX_DRONE)
         check_times(ttl)
         address = BrokerAddress.parse(broker, "--broker")
         folder = _folder(fleet, signed, address, signed_readings)
-        target = GsTarget(*numbers, check_prefix(prefix), ttl, run, log, folder)
+        target = GsTarget(fog_number, drone_number, check_prefix(prefix), ttl, run, log, folder)
         if run is None:
             typer.echo(f"now let the ground station at {address} command drone {drone} of fog {fog}", err=True)
         return await _report("ground station", format_, partial(check_gs, address, target))

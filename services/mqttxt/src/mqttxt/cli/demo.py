@@ -26,7 +26,8 @@ def demo(
     from ..demo.process import Demo
 
     async def job() -> None:
-        await Demo(typer.echo, verbose, open_page, *await whole_paths(tiles, places)).run()
+        of_tiles, of_places = await whole_paths(tiles, places)
+        await Demo(typer.echo, verbose, open_page, tiles=of_tiles, places=of_places).run()
 
     with errors_as_lines():
         run(job())

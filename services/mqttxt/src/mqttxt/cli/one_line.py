@@ -24,8 +24,9 @@ class OneLineErrors(TyperGroup):
         """As the base class does."""
         if not how.get("standalone_mode", True):
             return super().main(*args, **how)
+        how["standalone_mode"] = False
         try:
-            code = super().main(*args, **{**how, "standalone_mode": False})
+            code = super().main(*args, **how)
         except _USAGE as error:
             if type(error).__name__ == "NoArgsIsHelpError":
                 error.show()

@@ -164,9 +164,10 @@ def uav(
             options=UavOptions(
                 endurance_s,
                 Limits(
-                    *(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ())),
-                    frozenset(allow_parameter or ()),
-                    _ranges(parameter_ranges) if parameter_ranges is not None else {},
+                    mav_cmds=frozenset(allow_mav_cmd or ()),
+                    components=frozenset(allow_component or ()),
+                    parameters=frozenset(allow_parameter or ()),
+                    ranges=_ranges(parameter_ranges) if parameter_ranges is not None else {},
                 ),
                 carries_sensors=carried is not None,
                 all_states=all_states,

@@ -197,7 +197,9 @@ class Bond:
                 logger.warning(
                     "%s: %s is up but carries nothing: the activator is heard over %s alone; expected that it is "
                     "connected to this broker too (--second-fog-broker), or another address of its broker",
-                    *(self.name, self._address(name), self._address(led[0])),
+                    self.name,
+                    self._address(name),
+                    self._address(led[0]),
                 )
 
     def publish(self, effect: Publish) -> None:

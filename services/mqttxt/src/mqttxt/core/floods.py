@@ -13,7 +13,7 @@ PAUSE_MS = 1000
 MOST_KNOWN = 1000
 
 
-class Budget:
+class TokenBucket:
     """A token bucket for each station: it holds `at_once` messages, and gains `per_s` per second."""
 
     def __init__(self, per_s: int, at_once: int) -> None:

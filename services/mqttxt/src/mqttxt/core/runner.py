@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Coroutine, Hashable, Iterable, Mapping
 from functools import partial
 from math import ceil
 from pathlib import Path
@@ -87,6 +87,8 @@ class Runner:
         self.counts: Counter[str] = Counter()
         self._ready_file = ready_file
         self._marking: asyncio.Future[None] | None = None
+        self.ticked_ms = clock.now_ms()
+        """When the last tick began."""
         self._told_ms = -10_000
         self._stopped: asyncio.Future[None] | None = None
         self._is_to_keep = asyncio.Event()
@@ -130,7 +132,7 @@ class Runner:
             return None
         return asyncio.CancelledError() if self._stopped.cancelled() else self._stopped.exception()
 
-    def jobs(self) -> list[Any]:
+    def jobs(self) -> list[Coroutine[Any, Any, None]]:
         """The coroutines that run as long as the role does."""
         bonds = [bond.run() for bond in self.bonds.values()]
         return [*(link.run() for link in self.links.values()), *bonds, self._tick()]
@@ -167,7 +169,7 @@ class Runner:
         self.carry_out(self.role.on_identity(now_ms))
         self._is_to_keep.set()
 
-    def _identity_jobs(self) -> list[Any]:
+    def _identity_jobs(self) -> list[Coroutine[Any, Any, None]]:
         return [] if self.identity is None else [self._keep_identity(self.identity)]
 
     async def _keep_identity(self, identity: Identity) -> None:
@@ -268,7 +270,7 @@ class Runner:
         loop = asyncio.get_running_loop()
         due_s = loop.time()
         while True:
-            now_ms = self.clock.now_ms()
+            now_ms = self.ticked_ms = self.clock.now_ms()
             self.carry_out(self.role.tick(now_ms))
             self.carry_out(self.lists.tick(now_ms))
             if now_ms - self._told_ms >= READY_TOUCH_S * 1000:

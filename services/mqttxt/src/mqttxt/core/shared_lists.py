@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..errors import ConfigurationError
 from ..protocol.cbor import MAX_PAYLOAD
 from .effects import Effect, Inbound, Log, Publish, Subscribe
-from .floods import Budget
+from .floods import TokenBucket
 from .settings import REBIRTH_MS, Rebirth
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class SharedLists:
         self._gives = patience_ms is not None
         self._pause_ms = patience_ms or 0
         self._places = {link: _Place(topic) for link, topic in (*self._heard.items(), *self._told.items())}
-        self._budget = Budget(LISTS_PER_S, LISTS_AT_ONCE)
+        self._budget = TokenBucket(LISTS_PER_S, LISTS_AT_ONCE)
 
     def topic(self, link: str) -> str | None:
         """The topic of the list that a connection subscribes to; None if it does not."""

@@ -9,7 +9,7 @@ from typing import Any
 from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS
 from ..core.effects import Audit, Inbound, Log, Publish
-from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
 from ..core.ledger import OVERRIDING, Admission, Ledger, Share
 from ..core.session_owners import SessionOwners
 from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS
@@ -44,7 +44,8 @@ class CommandDesk:
     been theirs is unknown. `epoch` is that of the drone's control, which the activator's lease ends at
     `held_until_ms`. Commands are judged by the lease alone, because they have their own deadline (R12.14).
     `may_publish` is set while the client is born, `republish_at_ms` when a last word has to be published again. While
-    `is_audited` returns False, commands other than hold, land and return are denied (R14.6).
+    `is_audited` returns False, commands other than hold, land and return are denied (R14.6); None: no audit log is
+    required. `has_paths`: the client has several connections to the fog.
     """
 
     def __init__(
@@ -60,18 +61,22 @@ class CommandDesk:
         limits: Limits | None = None,
         staged: Callable[[bytes], bytes | None] = lambda _: None,
         kept_parameters: ParameterSet | None = None,
+        *,
+        has_paths: bool,
+        is_audited: Callable[[], bool] | None,
     ) -> None:
         self.ledger: Ledger[Answers] = Ledger()
         self._repetitions: Repetitions[CommandId] = Repetitions()
-        self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
+        self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
         settings = channel.settings
-        self.first_words = FirstWords(settings.bundle_ms if settings.bundles else None)
+        # Over several connections no word waits: a command without an early word is sent over another one.
+        self.first_words = FirstWords(settings.bundle_ms if settings.bundles and not has_paths else None)
         self.executor = Executor(vehicle, limits, staged, kept_parameters)
         self.may_publish = False
         self.republish_at_ms: int | None = None
         self.epoch = 0
         self.held_until_ms: int | None = None
-        self.is_audited: Callable[[], bool] = lambda: True
+        self.is_audited = is_audited
         self._drone = drone
         self._session = session
         self._channel = channel
@@ -83,8 +88,7 @@ class CommandDesk:
         self._to_start: dict[CommandId, CommandMessage] = {}
         self._restored = list(unfinished)
         for left in self._restored:
-            entry = self.ledger.enter(left.id, None, Answers(left.command, is_journalled=True), 0)
-            self.ledger.close(entry, 0)
+            self.ledger.enter(left.id, None, Answers(left.command, is_journalled=True), 0)
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
         """Admit or answer a command. Raises PayloadError for a bad signature, before anything else (R12.9)."""
@@ -181,7 +185,12 @@ class CommandDesk:
         command, entry = self._to_start.pop(command_id), self.ledger.get(command_id)
         assert entry is not None
         assert command.deadline_ms is not None
+        if self.executor.is_leaving:
+            return []  # the next session closes it
         entry.record.is_journalled = True
+        refusal = self._refusal(command, command.deadline_ms, False, now_ms)  # the disk may have taken its time
+        if refusal is not None:
+            return self.carry_out([refusal], now_ms)
         limit_ms = round(command.limit_s * 1000)
         started = self.executor.start(command_id, command.command, command.deadline_ms, limit_ms, now_ms)
         if not any(isinstance(output, Said) and output.id == command_id for output in started):
@@ -210,7 +219,7 @@ class CommandDesk:
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
         if self.order.is_overtaken(command):
             return Said(command.id, Word.OVERTAKEN)
-        if not (isinstance(command.command, OVERRIDING) or self.is_audited()):
+        if not (isinstance(command.command, OVERRIDING) or self.is_audited is None or self.is_audited()):
             return Said(command.id, Word.DENIED, NOT_AUDITED)
         return None
 
@@ -290,6 +299,7 @@ class CommandDesk:
             word, reason = (left.word, left.reason) if left.word else (Word.UNCONFIRMED, "restarted")
             entry.record.newest = result_of(Said(left.id, word, reason), self._session, now_ms)
             entry.record.delivered = left.delivered
+            self.ledger.close(entry, now_ms)
             if not left.delivered:
                 out += [Journal(left.id, left.command, word, reason), self._audited(entry.record.newest, now_ms)]
         self._restored.clear()

@@ -98,5 +98,5 @@ class Enquiries:
         if name in self._rates_hz:
             message_id, rate_hz = self._rates_hz[name]
             return command_long(self._vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
-        target = (self._vehicle.system_id, AUTOPILOT_COMPONENT)
-        return mavlink.MAVLink_param_request_read_message(*target, name.encode(), -1)
+        system = self._vehicle.system_id
+        return mavlink.MAVLink_param_request_read_message(system, AUTOPILOT_COMPONENT, name.encode(), param_index=-1)

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ..core.hearing import STALL_MS
+from ..core.ledger import OVERRIDING
 from ..protocol.commands import (
     ClearPlan,
     Command,
@@ -26,13 +28,13 @@ from ..protocol.commands import (
 )
 from ..protocol.messages import CommandId, Word
 from ..protocol.parameters import ParameterSet
-from ..protocol.states import FlightMode
+from ..protocol.states import FlightMode, Landed
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
 from .held_lease import HeldLease
-from .interruptions import interrupted, is_taken_over, modes_shown
+from .interruptions import interrupted, is_overridden, is_taken_over, modes_shown
 from .logs.reader import LogReader
-from .mavlink.plans import CannotExecute, Plan, check
+from .mavlink.plans import CannotExecute, Group, Plan, check, landed_state
 from .mavlink.raw import Limits, plan_raw
 from .mavlink.sources import HALTING, Source
 from .mavlink.vehicle import Vehicle
@@ -75,6 +77,8 @@ class Executor:
         self._preparer = Preparer(vehicle, self._runs)
         self._takeoffs = Takeoffs(vehicle, self._runs)
         self.streams = Streams(vehicle)
+        self.is_leaving = False
+        self._ticked_ms = 0
 
     def start(
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
@@ -95,6 +99,7 @@ class Executor:
         except CannotExecute as error:
             return [*out, Said(command_id, Word.DENIED, str(error))]
         run = Run(command_id, command, planned, deadline_ms, limit_ms)
+        run.begun_number, run.begun_modes = self.vehicle.number, modes_shown(self.vehicle)
         self._runs.add(run)
         for older in self._runs.older(run):
             older.is_outdated = True
@@ -144,11 +149,14 @@ class Executor:
 
     def tick(self, now_ms: int) -> list[Output]:
         """Deadlines, retransmissions and limits. Call it at least ten times per second."""
+        if now_ms - self._ticked_ms > STALL_MS:
+            self._pilot.unsure_after = self.vehicle.number
+        self._ticked_ms = now_ms
         out = self._acknowledgements.explained(now_ms)
         out += self._settings.tick(now_ms) + self.parameters.tick(now_ms) + self.logs.tick(now_ms)
         for run in self._runs:
             if run.phase in UNSENT:
-                out += self._try_send(run, now_ms)
+                out += self._try_send(run, now_ms) if not self.is_leaving else []
             elif run.phase is Phase.SENT:
                 out += self._acknowledgements.tell_progress(run, now_ms) + self._await_ack(run, now_ms)
             elif run.phase is Phase.STOPPING:
@@ -169,13 +177,15 @@ class Executor:
             self._runs.acks.expect((message.command, Source.COMPANION), now_ms)
         return [Transmit(message)]
 
-    def leave(self) -> list[Output]:
-        """Before the process ends, stop what must not go on without it: offboard commands."""
-        return self._pilot.leave()
+    def leave(self, now_ms: int) -> list[Output]:
+        """Before the process ends, begin nothing more, and stop what must not go on without it: offboard commands."""
+        self.is_leaving = True
+        return self._pilot.leave(now_ms)
 
     def _plan(self, command: Command, now_ms: int) -> Plan:
         """A command's MAVLink message and effect. Raises CannotExecute if the autopilot's last state forbids it."""
-        if not self.vehicle.is_alive(now_ms):
+        is_there = self.vehicle.is_heard if isinstance(command, OVERRIDING) else self.vehicle.is_alive
+        if not is_there(now_ms):
             raise CannotExecute("no_autopilot")
         if isinstance(command, Stream):
             return self.streams.plan(command, now_ms)
@@ -214,6 +224,8 @@ class Executor:
         """The next step of a command that is not sent yet and was planned just now."""
         if self._preparer.is_taken_over(run):
             return [self._runs.end(run, Word.FAILED, "mode_changed")]
+        if run.preparation is None and is_overridden(run, self._runs, self.vehicle):
+            return [self._runs.end(run, Word.DENIED, "mode_changed")]
         if run.phase is Phase.WAITING:
             run.started_ms = now_ms
         if run.plan.message is None:
@@ -249,6 +261,8 @@ class Executor:
         return superseded
 
     def _send(self, run: Run, now_ms: int) -> list[Output]:
+        if run.sends == 0:
+            run.first_number = self.vehicle.number
         run.sends += 1
         run.last_send_ms, run.sent_number = now_ms, self.vehicle.number
         run.modes_before |= modes_shown(self.vehicle)
@@ -258,9 +272,17 @@ class Executor:
     def _await_ack(self, run: Run, now_ms: int) -> list[Output]:
         if run.in_progress:
             return [self._time_out(run, now_ms)] if now_ms >= run.started_ms + run.limit_ms else []
-        run.is_outdated = run.is_outdated or is_taken_over(run, self.vehicle)
+        is_taken = is_taken_over(run, self.vehicle)
+        if is_taken and run.entered_mode and isinstance(run.command, Offboard):
+            self._acknowledgements.rest(run, now_ms)
+            return [self._runs.end(run, Word.FAILED, "mode_changed")]
+        run.is_outdated = run.is_outdated or is_taken
         if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
             return []
+        if run.has_shown and run.refused is None:  # a copy could undo what a pilot did since
+            self._acknowledgements.rest(run, now_ms)
+            out = self._acknowledgements.accept(run, now_ms)
+            return [*out, self._runs.end(run, Word.COMPLETED)] if self._runs.find(run.id) is run else out
         if (
             run.refused is None
             and not run.plan.is_said_once
@@ -270,6 +292,10 @@ class Executor:
             and self._may_repeat(run, now_ms)
         ):
             return self._send(run, now_ms)
+        if not run.is_outdated and self._has_other_form(run, now_ms):
+            self._acknowledgements.rest(run, now_ms)
+            run.phase, run.sends, run.acks, run.refusals = Phase.WAITING, 0, 0, 0
+            return self._try_send(run, now_ms)
         if now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
         self._acknowledgements.rest(run, now_ms)
@@ -287,6 +313,16 @@ class Executor:
         is_ready = planned.first_mode is None or self.vehicle.seen(FlightMode) == FlightMode(planned.first_mode)
         return is_ready and planned.mav_cmd == run.plan.mav_cmd
 
+    def _has_other_form(self, run: Run, now_ms: int) -> bool:
+        """Whether an unanswered hold of the ground has to be written as that of the air."""
+        if not isinstance(run.command, Hold | Pause) or run.refused is not None or now_ms > run.deadline_ms:
+            return False
+        try:
+            planned = self._plan(run.command, now_ms)
+        except CannotExecute:
+            return False
+        return planned.mav_cmd != run.plan.mav_cmd and landed_state(self.vehicle, now_ms) is not Landed.ON_GROUND
+
     def _observe(self, now_ms: int) -> list[Output]:
         out: list[Output] = []
         for run in self._runs:
@@ -296,6 +332,8 @@ class Executor:
                 out += self._observe_offboard(run, now_ms)
             elif run.is_under_way:
                 out += self._observe_run(run, now_ms)
+            elif run.phase is Phase.SENT and run.plan.group is Group.ARMING and self.vehicle.boots.is_sure:
+                run.has_shown = run.has_shown or run.plan.effect(self.vehicle, run.first_number)
         return out
 
     def _observe_offboard(self, run: Run, now_ms: int) -> list[Output]:

@@ -52,6 +52,20 @@ def is_taken_over(run: Run, vehicle: Vehicle) -> bool:
     return run.entered_mode or told.mode not in run.modes_before
 
 
+def is_overridden(run: Run, runs: Runs, vehicle: Vehicle) -> bool:
+    """Whether somebody changed the mode while a command waited for its first write.
+
+    Hold, the command's own modes and those of other open commands are not somebody's.
+    """
+    told = vehicle.seen(FlightMode, run.begun_number)
+    if run.plan.modes is None or told is None:
+        return False
+    own = run.begun_modes | run.plan.modes | {vehicle.autopilot.hold_mode, run.plan.first_mode}
+    others = [other for other in runs if other is not run]
+    explained = (other.modes_before | other.plan.passing | (other.plan.modes or frozenset()) for other in others)
+    return told.mode not in own and not any(told.mode in modes for modes in explained)
+
+
 def modes_shown(vehicle: Vehicle) -> frozenset[FlightModeName]:
     """The autopilot's mode by its newest heartbeat; empty without one."""
     told = vehicle.seen(FlightMode)

@@ -60,6 +60,8 @@ class OffboardPilot:
         self._lease = lease
         self._vehicle = vehicle
         self._runs = runs
+        self.unsure_after = -1
+        """The newest message before the process last stood still: a pilot may have taken over since."""
         self._flights: dict[Run, Flight] = {}
 
     def refusal(self, gs_session: int, now_ms: int) -> str | None:
@@ -106,6 +108,10 @@ class OffboardPilot:
         newer = self._runs.newer(run)
         if newer is not None and newer.is_under_way:
             return [self._runs.end(run, word, reason)]
+        if self._has_left(run):
+            if word is Word.COMPLETED:
+                return [self._runs.end(run, Word.FAILED, "mode_changed")]
+            return [self._runs.end(run, word, reason)]
         run.phase = Phase.STOPPING
         self.begin(run, now_ms)
         self._flights[run].ending = Ending(word, reason, now_ms, self._vehicle.number, now_ms)
@@ -121,10 +127,12 @@ class OffboardPilot:
         if now_ms >= ending.since_ms + STOP_MS:
             if not self._vehicle.is_alive(now_ms):
                 return [self._runs.end(run, Word.UNCONFIRMED, "autopilot_lost")]
-            word, reason = ending.word, ending.reason
-            return [self._runs.end(run, *((Word.FAILED, "no_hold") if word is Word.COMPLETED else (word, reason)))]
+            if ending.word is Word.COMPLETED:
+                return [self._runs.end(run, Word.FAILED, "no_hold")]
+            return [self._runs.end(run, ending.word, ending.reason)]
         newer = self._runs.newer(run)
-        if now_ms < ending.next_hold_ms or newer is not None:
+        is_unsure = self.unsure_after >= 0 and self._vehicle.seen(FlightMode, self.unsure_after) is None
+        if now_ms < ending.next_hold_ms or newer is not None or is_unsure:
             return []
         ending.next_hold_ms = now_ms + HOLD_AGAIN_MS
         self._runs.acks.expect((mavlink.MAV_CMD_DO_SET_MODE, Source.COMPANION), now_ms)
@@ -153,11 +161,17 @@ class OffboardPilot:
         started = run.phase in (Phase.RUNNING, Phase.STOPPING)
         return [Transmit(message, None if started else run.deadline_ms)]
 
-    def leave(self) -> list[Output]:
-        """Command hold before the process ends, if the autopilot may follow its set-points."""
-        if any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards()):
-            return [self._hold()]
-        return []
+    def leave(self, now_ms: int) -> list[Output]:
+        """Stop every flight that the autopilot may follow before the process ends."""
+        flown = [run for run in self._offboards() if run.phase in (Phase.SENT, Phase.RUNNING)]
+        return [output for run in flown for output in self.stop(run, Word.FAILED, "cancelled", now_ms)]
+
+    def _has_left(self, run: Run) -> bool:
+        """Whether a heartbeat shows that the autopilot has left offboard since the write, or never entered it."""
+        told = self._vehicle.seen(FlightMode, run.sent_number)
+        if told is None or told.mode is self._vehicle.autopilot.offboard_mode:
+            return False
+        return run.entered_mode or told.mode not in run.modes_before
 
     def _hold(self) -> Transmit:
         autopilot = self._vehicle.autopilot

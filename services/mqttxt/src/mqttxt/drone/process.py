@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from ..core.address import BrokerAddress
 from ..core.audit_log import AuditLog
 from ..core.bond import Bond, connections
 from ..core.clock import SessionClock
+from ..core.hearing import STALL_MS
 from ..core.mqtt.events import LinkEvents
 from ..core.mqtt.link import MqttLink
 from ..core.runner import Runner
@@ -81,20 +83,27 @@ class UavRunner(Runner):
         logs: LogFiles | None = None,
     ) -> None:
         clock = SessionClock()
-        remembers = not journal.has_gap
-        left = journal.unfinished
-        kept = parameters.kept if parameters is not None else None
+        brokers = connections(LINK, broker, second)
         self.client = UavClient(
-            *(drone, clock.session, settings, topics, policies, left, remembers, options, seal, fog, kept)
+            drone,
+            clock.session,
+            settings,
+            topics=topics,
+            policies=policies,
+            unfinished=journal.unfinished,
+            remembers=not journal.has_gap,
+            options=options,
+            seal=seal,
+            fog=fog,
+            kept_parameters=parameters.kept if parameters is not None else None,
+            paths=Paths(next(iter(brokers)), settings.beacon_interval_ms) if second is not None else None,
+            is_audited=audit.takes if audit is not None and audit.required else None,
         )
         self._parameters = parameters
         self._logs = LogPort(logs, self._on_log) if logs is not None else None
-        brokers = connections(LINK, broker, second)
         lists = dict.fromkeys(brokers, self.client.topics.revoked)
         told = {SENSORS: REVOKED} if sensors is not None else None
         super().__init__(self.client, clock, ready_file, identity, lists, LIST_PATIENCE_MS, audit, told)
-        if audit is not None and audit.required:
-            self.client.desk.is_audited = audit.takes
         self._keeper = JournalKeeper(journal, self._on_disk, self._on_journal_error)
         self._signing = signing
         self.does |= {Journal: self._journal, Transmit: self._transmit}
@@ -108,8 +117,6 @@ class UavRunner(Runner):
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
         events: LinkEvents = self
         if second is not None:
-            self.client.paths = Paths(next(iter(brokers)), settings.beacon_interval_ms)
-            self.client.desk.first_words.wait_ms = None  # a command without an early word is sent over the other one
             bond = events = self.bonds[LINK] = Bond(
                 LINK, self, lambda lost: self.client.on_path(lost, clock.now_ms()), is_led=True
             )
@@ -119,7 +126,11 @@ class UavRunner(Runner):
             own_id = client_id if second is None else f"{client_id}-{name.replace(' ', '')}"
             may_be_ended = seal is None and second is None
             link = MqttLink(
-                *(name, each, own_id, self.client.will, events),
+                name,
+                each,
+                own_id,
+                self.client.will,
+                events,
                 identity=identity,
                 may_be_ended=may_be_ended,
                 root=self.client.topics.root,
@@ -143,7 +154,7 @@ class UavRunner(Runner):
         finally:
             await self._keeper.close()
 
-    def jobs(self) -> list[Any]:
+    def jobs(self) -> list[Coroutine[Any, Any, None]]:
         sensors = self._sensors.jobs() if self._sensors is not None else []
         stamps = [self._keep_stamps(self._signing.stamps)] if self._signing is not None else []
         kept = [self._keep_parameters(self._parameters)] if self._parameters is not None else []
@@ -200,6 +211,9 @@ class UavRunner(Runner):
         await asyncio.gather(*(link.run() for link in self._to_fog), *bonds)
 
     def _on_readable(self) -> None:
+        if self.clock.now_ms() - self.ticked_ms > STALL_MS:  # the process stood still, and what waited may be old
+            self._autopilot.discard()
+            return
         for message in self._autopilot.messages():
             if not self._heard.is_set():
                 self._recognise(message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from ..core.channel import Channel
@@ -41,7 +42,8 @@ from .sensors.carrier import SENSORS, Carrier, is_carried
 class UavClient:
     """One drone's side of the fog link. Times are milliseconds of the session clock.
 
-    With a `seal` messages are signed, and only the activator of `fog` may give leases.
+    With a `seal` messages are signed, and only the activator of `fog` may give leases. `paths` is set if the client
+    has several connections to the fog. `is_audited` is `CommandDesk`'s.
     """
 
     def __init__(
@@ -57,6 +59,8 @@ class UavClient:
         seal: Seal | None = None,
         fog: int = 0,
         kept_parameters: ParameterSet | None = None,
+        paths: Paths | None = None,
+        is_audited: Callable[[], bool] | None = None,
     ) -> None:
         options = options or UavOptions()
         self.drone = drone
@@ -82,6 +86,8 @@ class UavClient:
             options.limits,
             staged.staged,
             kept_parameters,
+            has_paths=paths is not None,
+            is_audited=is_audited,
         )
         self.parameters = self.desk.executor.parameters
         staged.sources[PLAN] = self.desk.executor.plans.fetch
@@ -94,7 +100,7 @@ class UavClient:
         self.connected = False
         self._streams = self.desk.executor.streams
         self._states = PublishedStates(
-            drone, session, self._channel, self.topics, self._streams, policies, options.all_states
+            drone, session, self._channel, self.topics, self._streams, self.vehicle, policies, options.all_states
         )
         self._control = Control(drone, session, self._channel, self.desk, owners)
         self._enquiries = Enquiries(self.vehicle, options.all_states)
@@ -102,8 +108,7 @@ class UavClient:
         self._awaited_subacks = 0
         self._next_beacon_ms = 0
         self._heartbeats = Heartbeats()
-        self.paths: Paths | None = None
-        """Set if the client has several connections to the fog."""
+        self.paths = paths
         self._listener: int | None = None
         """The activator's session in the newest lease since this connection began."""
 
@@ -180,7 +185,7 @@ class UavClient:
             if topic.drone != self.drone:
                 raise PayloadError(f"topic {message.topic!r}: not drone {self.drone}'s", "topic")
             if topic.kind == "commands":
-                return self.desk.on_message(message, now_ms)
+                return self.desk.on_message(message, now_ms) if not self.desk.executor.is_leaving else []
             return self._on_other(topic, message, now_ms)
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
@@ -268,7 +273,7 @@ class UavClient:
         self.desk.may_publish = False
         if self.carrier is not None:
             self.carrier.on_fog_down()
-        out = [*said, *self.desk.carry_out(self.desk.executor.leave(), now_ms)]
+        out = [*said, *self.desk.carry_out(self.desk.executor.leave(now_ms), now_ms)]
         return [*out, self._presence.say(up=False)] if self.connected else out
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:

@@ -84,10 +84,13 @@ class Preparation:
 class Run:
     """A command that has no last word yet. `refused`: the answer to a refused copy, while others are unanswered.
 
-    `refusals` counts the refused copies; `restarts` is the autopilot's restart count when it accepted.
-    `modes_before`: the modes that the autopilot may have been in when it accepted. `settled_number`: the newest message
-    once later heartbeats must show the new mode, None until then. `is_outdated`: a newer command of its group was
-    started, or somebody changed the mode, so it is not sent again. `has_set_item`: the mission's current item was set.
+    `begun_number`, `begun_modes`: the newest message and the autopilot's mode when the command was begun;
+    `first_number`: the newest message at its first write. `refusals` counts the refused copies; `restarts` is the
+    autopilot's restart count when it accepted. `modes_before`: the modes that the autopilot may have been in when it
+    accepted. `settled_number`: the newest message once later heartbeats must show the new mode, None until then.
+    `is_outdated`: a newer command of its group was started, or somebody changed the mode, so it is not sent again.
+    `has_shown`: messages showed the effect of an unacknowledged arm or disarm. `has_set_item`: the mission's current
+    item was set.
     """
 
     id: CommandId
@@ -96,6 +99,9 @@ class Run:
     deadline_ms: int
     limit_ms: int
     phase: Phase = Phase.WAITING
+    begun_number: int = 0
+    begun_modes: frozenset[FlightModeName] = frozenset()
+    first_number: int = 0
     sends: int = 0
     acks: int = 0
     refusals: int = 0
@@ -118,6 +124,7 @@ class Run:
     late_ms: int | None = None
     is_outdated: bool = False
     has_set_item: bool = False
+    has_shown: bool = False
     source: Source = Source.COMPANION
 
     @property

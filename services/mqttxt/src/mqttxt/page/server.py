@@ -46,7 +46,10 @@ _MODULES = (
 )
 _OF_TILES = ("tiles", "shapes", "pbf", "vector-tile", "point-geometry")
 _FILES = {
-    **{"page.html": "text/html", "page.css": "text/css", "page.svg": "image/svg+xml", "licences.txt": "text/plain"},
+    "page.html": "text/html",
+    "page.css": "text/css",
+    "page.svg": "image/svg+xml",
+    "licences.txt": "text/plain",
     **{f"{name}.js": "text/javascript" for name in (*_MODULES, *_OF_TILES)},
 }
 _HEADERS = {

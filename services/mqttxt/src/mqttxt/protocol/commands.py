@@ -281,10 +281,10 @@ Command = (
 COMMANDS: dict[str, type[Command]] = {
     c.name: c
     for c in (
-        *(Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard, Stream, Mavlink),
-        *(UploadPlan, ClearPlan, StartMission, Pause, Resume, SetCurrentItem, SetParameter),
+        Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard, Stream, Mavlink,
+        UploadPlan, ClearPlan, StartMission, Pause, Resume, SetCurrentItem, SetParameter,
     )
-}
+}  # fmt: skip
 """Every command by its name, in the order of their codes."""
 
 BROADCASTABLE = (Arm, Disarm, Takeoff, Land, Hold, Return, Stream, Pause)

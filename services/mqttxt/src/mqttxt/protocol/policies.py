@@ -128,7 +128,7 @@ POLICIES: dict[str, Policy] = {
     "fence": _URGENTLY,
 }
 """The defaults; a `text` has none, as it does not last and is published on arrival."""
-ON_REQUEST = frozenset({*("velocity", "gps", "power", "airframe"), AutopilotText.name})
+ON_REQUEST = frozenset({"velocity", "gps", "power", "airframe", AutopilotText.name})
 """States that are published only if an option of the UAV client says so, or while `stream` requests them (R3.11)."""
 
 

@@ -67,10 +67,10 @@ Topic = DroneTopic | FogTopic | StationTopic
 _FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "QoDS", "PSMI"})
 _DRONE_KINDS = frozenset(
     {
-        *("reachable", "clock", "init_connect", "commands", "states", "sensor_ack", "birth", "stations", "control"),
-        *("bulk", "bulk_answer"),
+        "reachable", "clock", "init_connect", "commands", "states", "sensor_ack", "birth", "stations", "control",
+        "bulk", "bulk_answer",
     }
-)
+)  # fmt: skip
 _NAMED_KINDS = frozenset({"state", "commands_result"})
 MAVLINK_STATE = "mavlink/"
 """The prefix of the names of states that are unchanged MAVLink messages."""

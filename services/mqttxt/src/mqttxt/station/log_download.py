@@ -68,7 +68,7 @@ class LogDownload:
                         await self._once()
                         return
                     except TransferFailed as error:  # the drone was restarted, or a disk has altered the bytes
-                        if attempt == ATTEMPTS - 1 or not str(error).endswith(("unknown_hash", "wrong_hash")):
+                        if attempt == ATTEMPTS - 1 or error.reason not in ("unknown_hash", "wrong_hash"):
                             raise
         except TimeoutError:
             raise TransferFailed(f"drone {self._drone}: {self._log.kind}: not within {timeout_s:g} s") from None
@@ -96,7 +96,7 @@ class LogDownload:
         finally:
             await asyncio.to_thread(part.close)
         if not await asyncio.to_thread(part.finish, self._log.size):
-            raise TransferFailed(f"{waited}: wrong_hash")
+            raise TransferFailed(f"{waited}: wrong_hash", "wrong_hash")
 
     def _tell(self, is_at_drone: bool, done: int, size: int) -> None:
         if self._progress is not None:

@@ -54,7 +54,11 @@ class StationRunner(Runner):
         """The fleet's name, which every event carries, where this is one station of several fleets."""
         client_id = f"mqttxt-{station.name}-{clock.session:08x}"
         self.links[LINK] = MqttLink(
-            *(LINK, address, client_id, station.will, self),
+            LINK,
+            address,
+            client_id,
+            station.will,
+            events=self,
             ssl_context=ssl_context,
             identity=identity,
             may_be_ended=not station.signs,
@@ -229,7 +233,7 @@ class StationRunner(Runner):
         finally:
             transfer.is_over = True
         if transfer.error is not None:
-            raise TransferFailed(f"{transfer}: {transfer.error}")
+            raise TransferFailed(f"{transfer}: {transfer.error}", transfer.error)
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None, timeout_s: float) -> None:
         """`GroundStation.take_over`."""

@@ -73,10 +73,19 @@ class Connection:
         self._aliases = BrokersAliases(aliases)
         self._keep_alive = KeepAlive()
         self._client = client = make_client(address, client_id, will, ssl_context)
-        link = (name, address, client, events)
-        self._outgoing = Outgoing(*link, lambda: self._loop.call_soon(self._incoming.take))
+        self._outgoing = Outgoing(
+            name, address, client, events, failed=lambda: self._loop.call_soon(self._incoming.take)
+        )
         self._incoming = Incoming(
-            *link, self._outgoing, self._keep_alive, self._aliases, manual_ack, lambda: self.close(with_will=True)
+            name,
+            address,
+            client,
+            events,
+            self._outgoing,
+            self._keep_alive,
+            self._aliases,
+            manual_ack=manual_ack,
+            broken=lambda: self.close(with_will=True),
         )
         self.publish, self.acknowledge = self._outgoing.publish, self._incoming.acknowledge
         self._subscriptions = Subscriptions(client, events.subscribed, self._refused)
@@ -89,8 +98,9 @@ class Connection:
     async def open(self) -> int:
         """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
         # paho blocks while it resolves, connects and shakes hands: a thread does that, this loop all else.
-        settings = (self.address, self._session_expiry_s, self._aliases.maximum)
-        connecting = in_own_thread(partial(connect, self._client, *settings))
+        connecting = in_own_thread(
+            partial(connect, self._client, self.address, self._session_expiry_s, self._aliases.maximum)
+        )
         try:
             await asyncio.shield(connecting)
         except asyncio.CancelledError:

@@ -162,11 +162,22 @@ class MqttLink:
 
     def _made(self, ssl_context: ssl.SSLContext | None) -> Connection | SnConnection:
         will = self._will() if self._will is not None else None
-        who = (self.name, self.address, self._client_id, will, self._events)
         if self.address.datagrams:
-            return SnConnection(*who, TopicIds(self._root), self._failures)
+            return SnConnection(
+                self.name,
+                self.address,
+                self._client_id,
+                will,
+                self._events,
+                ids=TopicIds(self._root),
+                failures=self._failures,
+            )
         return Connection(
-            *who,
+            self.name,
+            self.address,
+            self._client_id,
+            will,
+            self._events,
             manual_ack=self._manual_ack,
             session_expiry_s=self._session_expiry_s,
             ssl_context=ssl_context,

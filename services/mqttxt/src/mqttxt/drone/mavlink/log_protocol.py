@@ -101,8 +101,11 @@ class Window:
         while end in missing:
             end += DATA_BYTES
         self._asked_end, self._next_ms = min(end, self.end), now_ms + AGAIN_MS
-        wanted = (self._log.number, first, self._asked_end - first)
-        return [mavlink.MAVLink_log_request_data_message(self._system, AUTOPILOT_COMPONENT, *wanted)]
+        return [
+            mavlink.MAVLink_log_request_data_message(
+                self._system, AUTOPILOT_COMPONENT, id=self._log.number, ofs=first, count=self._asked_end - first
+            )
+        ]
 
     def on_data(self, message: Any, now_ms: int) -> list[Any]:
         """Take in a LOG_DATA. After the last requested one, request the missing bytes again."""

@@ -74,8 +74,8 @@ def set_message(system: int, wanted: Parameter, bytewise: bool) -> Any:
     value = carried(wanted, bytewise)
     if value is None:
         raise CannotExecute(f"not_carried, {wanted}")
-    target = (system, AUTOPILOT_COMPONENT)
-    return mavlink.MAVLink_param_set_message(*target, wanted.name.encode(), value, int(wanted.type))
+    name = wanted.name.encode()
+    return mavlink.MAVLink_param_set_message(system, AUTOPILOT_COMPONENT, name, value, int(wanted.type))
 
 
 def read_message(system: int, name: str = "", index: int = -1) -> Any:

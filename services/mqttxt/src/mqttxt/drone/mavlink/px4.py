@@ -209,8 +209,8 @@ class Px4(Autopilot):
         modes = frozenset({FlightModeName.HOLD})
         if vehicle.seen(Armed) != Armed(True) or landed_state(vehicle, now_ms) is Landed.ON_GROUND:
             return self._mode(vehicle, FlightModeName.HOLD, holds)
-        here = (-1.0, float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE), 0.0, NAN, NAN, NAN, NAN)
-        message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, *here)
+        change_mode = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
+        message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, -1.0, change_mode, 0.0, NAN, NAN, NAN, NAN)
         return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
 
 

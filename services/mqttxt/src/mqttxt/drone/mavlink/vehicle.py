@@ -108,6 +108,10 @@ class Vehicle:
         """Whether a heartbeat arrived within the last three seconds."""
         return self.heartbeat_ms is not None and now_ms - self.heartbeat_ms <= HEARTBEAT_LOST_MS
 
+    def is_heard(self, now_ms: int) -> bool:
+        """Whether any message of the autopilot arrived within the last three seconds, and a heartbeat ever."""
+        return self.heartbeat_ms is not None and now_ms - (self.heard_ms or 0) <= HEARTBEAT_LOST_MS
+
     def is_lost(self, now_ms: int) -> bool:
         """Whether the last heartbeat that surely precedes any restart is more than ten seconds old."""
         sure_ms = self.heartbeat_ms if self.boots.is_sure else self.boots.sure_ms

@@ -74,7 +74,7 @@ class _ToBroker:
             try:
                 context = client_context(air.identity) if air.identity is not None else None
                 connection = Connection(
-                    *(BROKER_SIDE, air.broker, CLIENT_PREFIX + client_id, will, self), ssl_context=context
+                    BROKER_SIDE, air.broker, CLIENT_PREFIX + client_id, will, events=self, ssl_context=context
                 )
                 code = await connection.open()
             except (OSError, TimeoutError) as error:

@@ -7,7 +7,7 @@ from math import inf
 from typing import Any
 
 from ....protocol.cbor import MAX_PAYLOAD
-from ...floods import Budget
+from ...floods import TokenBucket
 from ...shared_lists import LISTS_AT_ONCE, LISTS_PER_S
 from . import packets
 from .air_client import AirClient, BrokerSide, Stage
@@ -51,11 +51,11 @@ class Gateway:
         self._count = count
         self._is_newer_list = is_newer_list
         self._at: dict[Address, AirClient] = {}
-        self._of_clients = Budget(CLIENT_PER_S, CLIENT_AT_ONCE)
-        self._of_strangers = Budget(STRANGERS_PER_S, STRANGERS_AT_ONCE)
-        self._of_openings = Budget(OPENED_PER_S, OPENED_AT_ONCE)
-        self._of_births = Budget(BIRTHS_PER_S, BIRTHS_AT_ONCE)
-        self._of_lists = Budget(LISTS_PER_S, LISTS_AT_ONCE)
+        self._of_clients = TokenBucket(CLIENT_PER_S, CLIENT_AT_ONCE)
+        self._of_strangers = TokenBucket(STRANGERS_PER_S, STRANGERS_AT_ONCE)
+        self._of_openings = TokenBucket(OPENED_PER_S, OPENED_AT_ONCE)
+        self._of_births = TokenBucket(BIRTHS_PER_S, BIRTHS_AT_ONCE)
+        self._of_lists = TokenBucket(LISTS_PER_S, LISTS_AT_ONCE)
 
     def received(self, datagram: bytes, address: Address, now_s: float) -> None:
         """A datagram arrived; one that is no packet, or beyond the limits, is counted and dropped."""

@@ -21,19 +21,15 @@ TOGETHER = 1
 _REVOKED = 2
 _RESULTS = 64
 _MALFORMED = "malformed"
+_OTHERS = (
+    "reachable", "clock", "init_connect", "stations", "control",
+    "states", "commands", "bulk", "bulk_answer", "sensor_ack",
+)  # fmt: skip
 _OF_NAME = {
     **{f"state/{name}": code for code, name in enumerate(STATES, start=1)},
     f"commands_result/{_MALFORMED}": _RESULTS,
     **{f"commands_result/{name}": _RESULTS + code for code, name in enumerate(COMMANDS, start=1)},
-    **{
-        name: 128 + number
-        for number, name in enumerate(
-            (
-                *("reachable", "clock", "init_connect", "stations", "control"),
-                *("states", "commands", "bulk", "bulk_answer", "sensor_ack"),
-            )
-        )
-    },
+    **{name: 128 + number for number, name in enumerate(_OTHERS)},
 }
 """The lower byte of the id, by the part of the topic after `droneY/`."""
 _NAME_OF = {low: name for name, low in _OF_NAME.items()}
