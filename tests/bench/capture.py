@@ -15,7 +15,7 @@ from tests.rigs.processes import wait_until
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame: when it was captured (Unix time), its ports, its length and that of its payload of TCP or UDP, in bytes."""
+    """A frame: its capture time (Unix, s), its ports, its length and that of its TCP or UDP payload, in bytes."""
 
     time_s: float
     source: int

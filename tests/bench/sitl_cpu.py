@@ -1,4 +1,4 @@
-"""The CPU of six autopilot stand-ins in flight at PX4's onboard rates, their traffic, and whether they keep the rates."""
+"""The CPU of six stand-ins in flight at PX4's onboard rates, their traffic, and whether they keep the rates."""
 
 from __future__ import annotations
 

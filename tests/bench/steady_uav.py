@@ -1,4 +1,4 @@
-"""A UAV client that publishes the five vital states once per second, changed or not: `steady_uav DRONE BROKER PORT …`."""
+"""A UAV client that publishes the five vital states once per second, changed or not: `steady_uav DRONE BROKER …`."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from mqttxt import Airframe, Arm, Armed, Drone, Hold, Home, Takeoff, Word
+from mqttxt import Airframe, Arm, Armed, Drone, Hold, Home, Stream, Takeoff, Word
 from mqttxt.gateway import control
 from mqttxt.gateway.clients import Client
 from mqttxt.gateway.desk import HEARD_MS
@@ -176,3 +176,20 @@ async def test_a_strangers_command_does_not_give_a_kept_takeoff_up(group: Any) -
     await bench.ask(stranger, LAND)
     await bench.say(Word.COMPLETED)
     assert bench.drone.commands == [Arm(), Takeoff(10.0)]
+
+
+# What flies nothing, beside what waits
+
+
+STREAM = Request(511, (30.0, 100_000.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+async def test_a_stream_gives_up_no_takeoff_that_waits_behind_an_arm(group: Any) -> None:
+    bench = disarmed(group)
+    client = bench.client()
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    for request in (ARM, TAKEOFF, STREAM):
+        await bench.ask(client, request)
+    await bench.say(Word.ACCEPTED, 0)
+    await bench.say(Word.COMPLETED, 0)
+    assert [type(command) for command in bench.drone.commands if not isinstance(command, Stream)] == [Arm, Takeoff]

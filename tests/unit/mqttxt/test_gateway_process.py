@@ -405,6 +405,22 @@ async def test_as_long_as_much_is_read_at_once_it_is_what_waited(bench: Bench, m
     assert (client.of("COMMAND_ACK")[0].result, drone.sent) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
 
 
+async def test_draining_ends_however_many_messages_arrive(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "DRAINING_MS", 200)
+    monkeypatch.setattr(process, "LONGEST_DRAINING_MS", 200)
+    drone, client = bench.commanded(), await bench.client()
+    await until(lambda: client.messages)
+    suspend(monkeypatch, 2)
+    for _ in range(40):
+        client.say(*[HEARTBEAT] * 30)
+        await asyncio.sleep(0.02)
+    client.say(LAND)
+    for _ in range(40):
+        client.say(*[HEARTBEAT] * 30)
+        await asyncio.sleep(0.02)
+    assert drone.sent == [Land()]
+
+
 async def test_the_time_in_which_a_command_waited_while_the_machine_was_suspended_counts(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -304,12 +304,14 @@ def test_a_process_that_stood_still_commands_no_hold_before_a_fresh_heartbeat() 
     flight.fly_until(2000)
     flight.hear(in_offboard())
     flight.now_ms = 22_000  # PX4 left offboard long ago, and a pilot may fly
+    flight.executor.stood_still()
     out = flight.executor.tick(22_000)
     out += flight.hear(heartbeat(armed=True, main=3, sub=0))
     assert written(out) == []
     still = Flight().engage()
     still.fly_until(2000)
     still.now_ms = 4000
+    still.executor.stood_still()
     out = still.executor.tick(4000)
     out += still.hear(in_offboard())
     assert MODE in written([*out, *still.fly_until(16_000)])

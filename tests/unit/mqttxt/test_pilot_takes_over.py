@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from mqttxt.protocol.commands import Arm, Command, Disarm, Hold, Land, Return, StartMission
-from mqttxt.protocol.messages import Word
-from tests.simulation.workbench import ARM, LAND, MODE, Bench, said, set_points, written
-from tests.simulation.world import heartbeat, home, landed, position
+from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, StartMission, Takeoff
+from mqttxt.protocol.messages import CommandId, Word
+from tests.simulation.workbench import ARM, LAND, MODE, REPOSITION, TAKEOFF, Bench, said, set_points, written
+from tests.simulation.world import ack, heartbeat, home, landed, position
 from tests.unit.mqttxt.test_offboard import NORTH, Flight, in_hold, in_offboard
 
 
@@ -18,23 +18,31 @@ def by_pilot() -> Any:
     return heartbeat(armed=True, main=3, sub=0)
 
 
-@pytest.mark.parametrize(("command", "was_armed"), [(Arm(), False), (Disarm(), True)])
-def test_what_has_shown_without_its_acknowledgement_is_not_written_again(command: Command, was_armed: bool) -> None:
-    bench = Bench(heartbeat(armed=was_armed), home(), position(), landed(1))
-    assert written(bench.start(1, command, deadline_ms=5000)) == [ARM]
-    bench.until(200)
-    bench.hear(heartbeat(armed=not was_armed))
+@pytest.mark.parametrize(
+    ("undone", "words"),
+    [(True, [(1, Word.UNCONFIRMED, "no_ack")]), (False, [(1, Word.ACCEPTED, None), (1, Word.COMPLETED, None)])],
+)
+def test_an_arm_that_has_shown_without_its_acknowledgement_is_not_written_again(undone: bool, words: Any) -> None:
+    bench = Bench(heartbeat(), home(), position(), landed(1))
+    assert written(bench.start(1, Arm(), deadline_ms=5000)) == [ARM]
+    bench.until(300)
+    bench.hear(heartbeat(armed=True))
     bench.until(400)
-    bench.hear(heartbeat(armed=was_armed))  # the pilot undoes it
+    bench.hear(heartbeat(armed=not undone))  # or the pilot disarms
     out = bench.until(4000)
     assert written(out) == []
-    assert said(out) == [(1, Word.ACCEPTED, None), (1, Word.COMPLETED, None)]
+    assert said(out) == words
 
 
-def test_an_arm_that_has_not_shown_is_written_again() -> None:
-    bench = Bench(heartbeat(), home(), position(), landed(1))
-    bench.start(1, Arm(), deadline_ms=5000)
-    bench.hear(heartbeat())
+@pytest.mark.parametrize(
+    ("command", "armed", "at_ms"), [(Arm(), False, 300), (Arm(), True, 100), (Disarm(), False, 300)]
+)
+def test_what_may_not_have_arrived_is_written_again(command: Command, armed: bool, at_ms: int) -> None:
+    """A heartbeat that comes at once may be from before the write; and to disarm twice does no harm."""
+    bench = Bench(heartbeat(armed=isinstance(command, Disarm)), home(), position(), landed(1))
+    bench.start(1, command, deadline_ms=5000)
+    bench.until(at_ms)
+    bench.hear(heartbeat(armed=armed))
     assert written(bench.until(600)) == [ARM]
 
 
@@ -110,3 +118,76 @@ def test_a_return_that_waits_for_its_number_is_not_written_behind_a_pilot() -> N
     out = bench.until(9000)
     assert MODE not in written(out)
     assert (2, Word.DENIED, "mode_changed") in said(out)
+
+
+def in_mission() -> Any:
+    return heartbeat(armed=True, main=4, sub=4)
+
+
+@pytest.mark.parametrize("until_ms", [700, 2600])
+def test_a_mode_of_a_command_whose_acknowledgement_was_lost_is_not_a_pilots(
+    until_ms: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(in_hold(), home(), position(20.0), landed(2))
+    monkeypatch.setattr(bench.executor.plans, "preparing", lambda *_: None)
+    bench.start(1, StartMission(bytes(16)), deadline_ms=5000)
+    bench.until(until_ms)
+    out = bench.start(2, Return(), deadline_ms=until_ms + 5000)
+    for second in range(3, 8):
+        out += [*bench.until(1000 * second), *bench.hear(in_mission())]
+    assert MODE in written(out)
+    assert (2, Word.DENIED, "mode_changed") not in said(out)
+
+
+def test_a_hold_is_written_in_any_mode() -> None:
+    bench = Bench(in_hold(), home(), position(20.0), landed(2))
+    bench.start(1, Hold(), deadline_ms=7000)
+    bench.executor.on_refused(CommandId(1, 1), False, 0)  # the link took nothing
+    bench.hear(by_pilot())
+    assert REPOSITION in written(bench.until(300))
+
+
+@pytest.mark.parametrize("command", [Hold(), Land(), Return()])
+@pytest.mark.parametrize("is_acknowledged", [True, False])
+def test_what_ends_the_own_takeoff_is_written_again_where_the_write_was_lost(
+    command: Command, is_acknowledged: bool
+) -> None:
+    bench = Bench(in_hold(), home(), position(), landed(1))
+    bench.start(1, Takeoff(20.0), deadline_ms=5000)
+    if is_acknowledged:
+        bench.hear(ack(TAKEOFF))
+    bench.until(100)
+    bench.start(2, command, deadline_ms=5100)
+    out = [*bench.until(300), *bench.hear(heartbeat(armed=True, main=4, sub=2))]
+    for ms in range(500, 4001, 500):
+        out += [*bench.until(ms), *bench.hear(heartbeat(armed=True, main=4, sub=2), landed(3), position(ms / 200))]
+    assert [number for number in written(out) if number != TAKEOFF]
+
+
+def test_nothing_is_repeated_or_begun_after_the_process_stood_still() -> None:
+    bench = Bench(in_hold(), home(), position(20.0), landed(2))
+    assert written(bench.start(1, Return(), deadline_ms=9000)) == [MODE]
+    bench.until(100)
+    bench.executor.stood_still()  # the acknowledgement was dropped with what waited
+    bench.hear(by_pilot())
+    assert written(bench.until(4000)) == []
+    bench.executor.stood_still()
+    assert written(bench.start(2, Land(), deadline_ms=9000)) == [LAND]
+    bench.hear(ack(LAND), landed(2))
+    bench.executor.stood_still()
+    assert written([*bench.start(3, Goto(47.4, 8.5, 10.0), deadline_ms=9000), *bench.until(5000)]) == []
+    bench.hear(in_hold(), landed(2))
+    assert written(bench.until(5200)) == [REPOSITION]
+
+
+def test_a_hold_that_was_written_in_another_form_has_no_definite_no() -> None:
+    bench = Bench(in_hold(), home(), position(), landed(1))
+    assert written(bench.start(1, Hold(), deadline_ms=2500)) == [MODE]
+    bench.until(600)
+    bench.hear(in_hold(), landed(2))
+    while REPOSITION not in written(bench.until(bench.now_ms + 100)):
+        assert bench.now_ms < 2400
+    bench.executor.on_refused(CommandId(1, 1), False, bench.now_ms)
+    bench.vehicle.heartbeat_ms = bench.vehicle.heard_ms = None
+    bench.now_ms = 2550
+    assert said(bench.executor.tick(2550)) == [(1, Word.UNCONFIRMED, "no_ack")]

@@ -16,6 +16,7 @@ from ..errors import ConfigurationError, Refused
 from .bond import Bond
 from .clock import SessionClock
 from .effects import Audit, Inbound, Log, Publish, Reconnect, Stop, Subscribe, Unsubscribe
+from .hearing import STALL_MS
 from .mqtt.link import MqttLink
 from .settings import REBIRTH_MS
 from .shared_lists import LISTS, SharedLists
@@ -216,6 +217,9 @@ class Runner:
     def _way(self, link: str) -> Bond | MqttLink:
         return self.bonds.get(link) or self.links[link]
 
+    def stood_still(self) -> None:
+        """The process was not called for longer than `STALL_MS`: what its sockets have received may be old."""
+
     def carried_out(self) -> None:
         """Hook: all effects of one message, or of one tick, have been carried out."""
 
@@ -270,7 +274,10 @@ class Runner:
         loop = asyncio.get_running_loop()
         due_s = loop.time()
         while True:
-            now_ms = self.ticked_ms = self.clock.now_ms()
+            now_ms = self.clock.now_ms()
+            if now_ms - self.ticked_ms > STALL_MS:
+                self.stood_still()
+            self.ticked_ms = now_ms
             self.carry_out(self.role.tick(now_ms))
             self.carry_out(self.lists.tick(now_ms))
             if now_ms - self._told_ms >= READY_TOUCH_S * 1000:

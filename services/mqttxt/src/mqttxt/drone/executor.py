@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..core.hearing import STALL_MS
 from ..core.ledger import OVERRIDING
 from ..protocol.commands import (
+    Arm,
     ClearPlan,
     Command,
     Hold,
@@ -32,9 +32,9 @@ from ..protocol.states import FlightMode, Landed
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
 from .held_lease import HeldLease
-from .interruptions import interrupted, is_overridden, is_taken_over, modes_shown
+from .interruptions import SETTLED_MS, interrupted, is_overridden, is_taken_over, modes_shown
 from .logs.reader import LogReader
-from .mavlink.plans import CannotExecute, Group, Plan, check, landed_state
+from .mavlink.plans import CannotExecute, Plan, check, landed_state
 from .mavlink.raw import Limits, plan_raw
 from .mavlink.sources import HALTING, Source
 from .mavlink.vehicle import Vehicle
@@ -78,7 +78,6 @@ class Executor:
         self._takeoffs = Takeoffs(vehicle, self._runs)
         self.streams = Streams(vehicle)
         self.is_leaving = False
-        self._ticked_ms = 0
 
     def start(
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
@@ -145,13 +144,11 @@ class Executor:
         out = self.plans.on_message(message, now_ms) + self._settings.on_message(message, now_ms)
         out += self.parameters.on_message(message, now_ms) + self.logs.on_message(message, now_ms)
         out += self._acknowledgements.explained(now_ms)
-        return out + self._observe(now_ms) + self._takeoffs.undo(now_ms)
+        return out + self._observe(now_ms) + self._undo(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
         """Deadlines, retransmissions and limits. Call it at least ten times per second."""
-        if now_ms - self._ticked_ms > STALL_MS:
-            self._pilot.unsure_after = self.vehicle.number
-        self._ticked_ms = now_ms
+        self._runs.now_ms = now_ms
         out = self._acknowledgements.explained(now_ms)
         out += self._settings.tick(now_ms) + self.parameters.tick(now_ms) + self.logs.tick(now_ms)
         for run in self._runs:
@@ -167,7 +164,10 @@ class Executor:
             elif now_ms >= run.started_ms + run.limit_ms:
                 out.append(self._time_out(run, now_ms))
         out += self.plans.tick(now_ms, [run.id for run in self._runs])  # last: starts may have ended above
-        return out + self._observe(now_ms) + self._takeoffs.undo(now_ms) + self._pilot.set_points(now_ms)
+        return out + self._observe(now_ms) + self._undo(now_ms) + self._pilot.set_points(now_ms)
+
+    def _undo(self, now_ms: int) -> list[Output]:
+        return self._takeoffs.undo(now_ms) if not self._pilot.is_unsure else []
 
     def ask(self, message: Any, now_ms: int) -> list[Output]:
         """Write the client's own request, unless a command waits for an acknowledgement of the same number."""
@@ -176,6 +176,15 @@ class Executor:
                 return []
             self._runs.acks.expect((message.command, Source.COMPANION), now_ms)
         return [Transmit(message)]
+
+    def stood_still(self) -> None:
+        """The process stood still: a pilot may have taken over, and acknowledgements are lost.
+
+        Nothing is repeated, and only a hold, land or return is begun, until a fresh heartbeat shows the mode.
+        """
+        self._pilot.unsure_after = self.vehicle.number
+        for run in self._runs:
+            run.is_outdated = run.is_outdated or run.phase is Phase.SENT
 
     def leave(self, now_ms: int) -> list[Output]:
         """Before the process ends, begin nothing more, and stop what must not go on without it: offboard commands."""
@@ -226,6 +235,8 @@ class Executor:
             return [self._runs.end(run, Word.FAILED, "mode_changed")]
         if run.preparation is None and is_overridden(run, self._runs, self.vehicle):
             return [self._runs.end(run, Word.DENIED, "mode_changed")]
+        if self._pilot.is_unsure and not isinstance(run.command, OVERRIDING):
+            return []
         if run.phase is Phase.WAITING:
             run.started_ms = now_ms
         if run.plan.message is None:
@@ -262,10 +273,11 @@ class Executor:
 
     def _send(self, run: Run, now_ms: int) -> list[Output]:
         if run.sends == 0:
-            run.first_number = self.vehicle.number
+            run.first_number, run.first_ms = self.vehicle.number, now_ms
         run.sends += 1
+        run.was_written = True
         run.last_send_ms, run.sent_number = now_ms, self.vehicle.number
-        run.modes_before |= modes_shown(self.vehicle)
+        run.modes_before |= modes_shown(self.vehicle) | self._runs.own_modes(besides=run)
         self._takeoffs.said(run.command, now_ms)
         return [Transmit(run.plan.message, run.deadline_ms, run.id, run.source)]
 
@@ -281,6 +293,8 @@ class Executor:
             return []
         if run.has_shown and run.refused is None:  # a copy could undo what a pilot did since
             self._acknowledgements.rest(run, now_ms)
+            if not run.plan.effect(self.vehicle, run.first_number):
+                return [self._runs.end(run, Word.UNCONFIRMED, "no_ack")]
             out = self._acknowledgements.accept(run, now_ms)
             return [*out, self._runs.end(run, Word.COMPLETED)] if self._runs.find(run.id) is run else out
         if (
@@ -294,7 +308,7 @@ class Executor:
             return self._send(run, now_ms)
         if not run.is_outdated and self._has_other_form(run, now_ms):
             self._acknowledgements.rest(run, now_ms)
-            run.phase, run.sends, run.acks, run.refusals = Phase.WAITING, 0, 0, 0
+            run.phase, run.sends, run.acks, run.refusals, run.has_other_form = Phase.WAITING, 0, 0, 0, True
             return self._try_send(run, now_ms)
         if now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
@@ -332,7 +346,9 @@ class Executor:
                 out += self._observe_offboard(run, now_ms)
             elif run.is_under_way:
                 out += self._observe_run(run, now_ms)
-            elif run.phase is Phase.SENT and run.plan.group is Group.ARMING and self.vehicle.boots.is_sure:
+            elif run.phase is Phase.SENT and isinstance(run.command, Arm) and self.vehicle.boots.is_sure:
+                if now_ms < run.first_ms + SETTLED_MS:  # a heartbeat of before the write may still arrive
+                    run.first_number = self.vehicle.number
                 run.has_shown = run.has_shown or run.plan.effect(self.vehicle, run.first_number)
         return out
 

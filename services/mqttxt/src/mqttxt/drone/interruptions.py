@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..protocol.commands import Goto, Offboard, Resume, StartMission, Takeoff
+from ..protocol.commands import Goto, Hold, Offboard, Pause, Resume, StartMission, Takeoff
 from ..protocol.states import FlightMode, FlightModeName
 from .mavlink.plans import is_disarmed
 from .mavlink.vehicle import Vehicle
@@ -53,17 +53,15 @@ def is_taken_over(run: Run, vehicle: Vehicle) -> bool:
 
 
 def is_overridden(run: Run, runs: Runs, vehicle: Vehicle) -> bool:
-    """Whether somebody changed the mode while a command waited for its first write.
+    """Whether somebody changed the mode while a command waited for its first write; a hold is written in any mode.
 
-    Hold, the command's own modes and those of other open commands are not somebody's.
+    Hold, the command's own modes and those of other written commands are not somebody's.
     """
     told = vehicle.seen(FlightMode, run.begun_number)
-    if run.plan.modes is None or told is None:
+    if run.plan.modes is None or told is None or isinstance(run.command, Hold | Pause):
         return False
     own = run.begun_modes | run.plan.modes | {vehicle.autopilot.hold_mode, run.plan.first_mode}
-    others = [other for other in runs if other is not run]
-    explained = (other.modes_before | other.plan.passing | (other.plan.modes or frozenset()) for other in others)
-    return told.mode not in own and not any(told.mode in modes for modes in explained)
+    return told.mode not in own | runs.own_modes(besides=run)
 
 
 def modes_shown(vehicle: Vehicle) -> frozenset[FlightModeName]:

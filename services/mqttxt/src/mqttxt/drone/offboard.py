@@ -131,8 +131,7 @@ class OffboardPilot:
                 return [self._runs.end(run, Word.FAILED, "no_hold")]
             return [self._runs.end(run, ending.word, ending.reason)]
         newer = self._runs.newer(run)
-        is_unsure = self.unsure_after >= 0 and self._vehicle.seen(FlightMode, self.unsure_after) is None
-        if now_ms < ending.next_hold_ms or newer is not None or is_unsure:
+        if now_ms < ending.next_hold_ms or newer is not None or self.is_unsure:
             return []
         ending.next_hold_ms = now_ms + HOLD_AGAIN_MS
         self._runs.acks.expect((mavlink.MAV_CMD_DO_SET_MODE, Source.COMPANION), now_ms)
@@ -160,6 +159,11 @@ class OffboardPilot:
         message = set_point(flight.command, self._vehicle, now_ms, braking=flight.ending is not None)
         started = run.phase in (Phase.RUNNING, Phase.STOPPING)
         return [Transmit(message, None if started else run.deadline_ms)]
+
+    @property
+    def is_unsure(self) -> bool:
+        """Whether no heartbeat has shown the mode since the process last stood still."""
+        return self.unsure_after >= 0 and self._vehicle.seen(FlightMode, self.unsure_after) is None
 
     def leave(self, now_ms: int) -> list[Output]:
         """Stop every flight that the autopilot may follow before the process ends."""

@@ -210,9 +210,13 @@ class UavRunner(Runner):
         bonds = [bond.run() for bond in self.bonds.values()]
         await asyncio.gather(*(link.run() for link in self._to_fog), *bonds)
 
+    def stood_still(self) -> None:
+        self._autopilot.discard()
+        self.client.desk.executor.stood_still()
+
     def _on_readable(self) -> None:
-        if self.clock.now_ms() - self.ticked_ms > STALL_MS:  # the process stood still, and what waited may be old
-            self._autopilot.discard()
+        if self.clock.now_ms() - self.ticked_ms > STALL_MS:  # this may be called before the tick that is overdue
+            self.stood_still()
             return
         for message in self._autopilot.messages():
             if not self._heard.is_set():

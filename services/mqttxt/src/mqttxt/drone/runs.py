@@ -29,6 +29,8 @@ class Said:
 
 
 Output = Effect | Said
+OWN_MODE_MS = 10_000
+"""How long after a written command's end its modes may still show: heartbeats arrive once per second, or are lost."""
 
 
 class Phase(Enum):
@@ -85,12 +87,13 @@ class Run:
     """A command that has no last word yet. `refused`: the answer to a refused copy, while others are unanswered.
 
     `begun_number`, `begun_modes`: the newest message and the autopilot's mode when the command was begun;
-    `first_number`: the newest message at its first write. `refusals` counts the refused copies; `restarts` is the
-    autopilot's restart count when it accepted. `modes_before`: the modes that the autopilot may have been in when it
-    accepted. `settled_number`: the newest message once later heartbeats must show the new mode, None until then.
-    `is_outdated`: a newer command of its group was started, or somebody changed the mode, so it is not sent again.
-    `has_shown`: messages showed the effect of an unacknowledged arm or disarm. `has_set_item`: the mission's current
-    item was set.
+    `first_number`, `first_ms`: the newest message and the time at its first write. `refusals` counts the refused
+    copies; `restarts` is the autopilot's restart count when it accepted. `modes_before`: the modes that the autopilot
+    may have been in when it accepted. `settled_number`: the newest message once later heartbeats must show the new
+    mode, None until then. `is_outdated`: it is not sent again, because a newer command of its group was started,
+    somebody changed the mode, or the process stood still. `has_shown`: a heartbeat has shown an unacknowledged arm's
+    effect. `has_set_item`: the mission's current item was set. `was_written`: at least once; `has_other_form`: in an
+    earlier form, which is unanswered.
     """
 
     id: CommandId
@@ -102,6 +105,7 @@ class Run:
     begun_number: int = 0
     begun_modes: frozenset[FlightModeName] = frozenset()
     first_number: int = 0
+    first_ms: int = 0
     sends: int = 0
     acks: int = 0
     refusals: int = 0
@@ -125,6 +129,8 @@ class Run:
     is_outdated: bool = False
     has_set_item: bool = False
     has_shown: bool = False
+    was_written: bool = False
+    has_other_form: bool = False
     source: Source = Source.COMPANION
 
     @property
@@ -135,6 +141,11 @@ class Run:
     def is_of_group(self, other: Run) -> bool:
         """Whether one of the two can supersede the other."""
         return self.plan.group is not None and self.plan.group == other.plan.group
+
+    @property
+    def own_modes(self) -> frozenset[FlightModeName]:
+        """The modes that the autopilot may be in because of it."""
+        return (self.plan.modes or frozenset()) | self.plan.passing
 
     @property
     def may_have_changed(self) -> bool:
@@ -152,7 +163,9 @@ class Runs:
 
     def __init__(self) -> None:
         self.acks = Acks()
+        self.now_ms = 0
         self._runs: list[Run] = []
+        self._ended: list[tuple[int, frozenset[FlightModeName]]] = []
 
     def __iter__(self) -> Iterator[Run]:
         """Iterate over a copy, so that a run may end meanwhile."""
@@ -178,9 +191,19 @@ class Runs:
     ) -> Said:
         """End a run with its last word; a definite no becomes `failed` if the autopilot may have changed."""
         self._runs.remove(run)
+        if run.was_written:
+            self._ended.append((self.now_ms, run.own_modes))
+        if word.is_definite_no and run.has_other_form:
+            word, reason = Word.UNCONFIRMED, "no_ack"
         if word.is_definite_no and run.may_have_changed:
             word, reason = Word.FAILED, reason or word.label
         return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
+
+    def own_modes(self, besides: Run) -> frozenset[FlightModeName]:
+        """The modes of all other commands that were written and are open, or ended within `OWN_MODE_MS`."""
+        self._ended = [(at_ms, modes) for at_ms, modes in self._ended if self.now_ms - at_ms <= OWN_MODE_MS]
+        written = [run.own_modes for run in self._runs if run is not besides and run.was_written]
+        return frozenset[FlightModeName]().union(*written, *(modes for _, modes in self._ended))
 
     def awaiting(self, *keys: AckKey) -> Run | None:
         """The oldest run that waits for an acknowledgement of `keys`: they arrive in the order of the writes."""

@@ -222,7 +222,8 @@ class Desk:
                 await self._control.heard(entry.client)
                 self._control.check(entry.client, drone)
                 with self._room(entry, command):
-                    self._newest[drone.number] = max(entry.place, self._newest.get(drone.number, 0))
+                    if not isinstance(command, Stream | Mavlink):
+                        self._newest[drone.number] = max(entry.place, self._newest.get(drone.number, 0))
                     if not isinstance(command, Arm | Stream | Mavlink):
                         self._ground_holds.pop(drone.number, None)
                     if entry.is_quiet and isinstance(command, Hold) and self._is_on_ground(drone):

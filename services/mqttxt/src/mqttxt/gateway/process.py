@@ -60,6 +60,8 @@ CONFLICT_MS = 10_000
 """How long a drone stays hidden at a socket after a client there has used its id."""
 DRAINING_MS = 500
 """How long a process that stood still takes to read what its clients have sent meanwhile."""
+LONGEST_DRAINING_MS = 3_000
+"""More than a socket's buffer takes to read: later messages are new ones, however many they are."""
 MOST_PER_TICK = 20
 """Messages in one tick above which they are those that waited: clients send a few per second, as they come."""
 _COMMANDS = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_SET_CURRENT")
@@ -94,7 +96,7 @@ class Gateway:
         self._unknown: set[int] = set()
         self._conflicts: dict[tuple[Peer, int], int] = {}
         self._clock = SessionClock()
-        self._ticked_ms = self._late_until_ms = self._late = 0
+        self._ticked_ms = self._stalled_ms = self._late_until_ms = self._late = 0
         self._copies = PlanCopies()
         self._parameter_copies = ParameterCopies()
         self._reached: dict[int, int] = {}
@@ -214,7 +216,9 @@ class Gateway:
         pause_ms = now_ms - self._ticked_ms
         if pause_ms > STALL_MS:
             logger.warning("stood still for %.1f s: what clients sent meanwhile is not executed", pause_ms / 1000)
-        if pause_ms > STALL_MS or self._late > MOST_PER_TICK:
+            self._stalled_ms = now_ms
+        is_draining = self._late > MOST_PER_TICK and now_ms < self._stalled_ms + LONGEST_DRAINING_MS
+        if pause_ms > STALL_MS or is_draining:
             self._late_until_ms = now_ms + DRAINING_MS
         self._ticked_ms, self._late = now_ms, 0
 

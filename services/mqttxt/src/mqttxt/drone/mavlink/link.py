@@ -27,6 +27,8 @@ logger = logging.getLogger("mqttxt.mavlink")
 REOPEN_S = 1.0
 _NOT_YET = frozenset({errno.EADDRNOTAVAIL, socket.EAI_AGAIN})
 """The errors of a UDP address that this machine may get later, as after its start."""
+_DISCARDED_AT_ONCE = 10_000
+"""More datagrams than a socket's buffer holds; who floods it does not hold the loop for ever."""
 _READS_AT_ONCE = 1000
 _HAS_KEY = Malformed("mavlink_signed", "the autopilot signs its messages; expected --mavlink-key with its key")
 _NO_STAMPS = Malformed("mavlink_no_stamps", "no time stamp of this key is left; expected another key at both ends")
@@ -124,8 +126,8 @@ class AutopilotLink:
     def discard(self) -> None:
         """Read everything that has arrived, and drop it."""
         now_s = asyncio.get_running_loop().time()
-        while self._transport is not None:
-            found = self._transport.read(now_s)
+        for _ in range(_DISCARDED_AT_ONCE):
+            found = self._transport.read(now_s) if self._transport is not None else None
             if found is None:
                 self._closed.set()
             if found is None or not found.was_there:
