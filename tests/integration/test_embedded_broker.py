@@ -12,6 +12,8 @@ from mqttxt import Arm, GroundStation, Takeoff, Word
 from mqttxt.core import mosquitto
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.messages import FogPresence
 from mqttxt_conformance.tap import Tap
 from tests.rigs.commanding import follow
 from tests.rigs.container import Container
@@ -52,6 +54,16 @@ class ContainedActivator(Container):
         assert self.execute(self._killer, user="1000:1000") == (0, b"killed\n")
 
 
+async def broker_in_the_birth(cloud: str) -> str | None:
+    """The address that fog 1's activator tells of its broker."""
+    tap = Tap(BrokerAddress.parse(cloud), "witness", SessionClock())
+    await tap.connect("--cloud")
+    await tap.subscribe("fog1/reachable")
+    (birth,) = await tap.until(lambda: tap.heard, 5)
+    await tap.close()
+    return decode(FogPresence, birth.payload).broker
+
+
 async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path) -> None:
     system = System(tmp_path)
     contained = ContainedActivator(tmp_path, system.cloud.url, free_port())
@@ -70,7 +82,7 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
             await asyncio.to_thread(contained.kill_broker)
             async with asyncio.timeout(60):
                 await listening
-            assert fog._view.broker == f"mqtt://127.0.0.1:{contained.port}"
+            assert await broker_in_the_birth(system.cloud.url) == f"mqtt://127.0.0.1:{contained.port}"
         await eventually(lambda: "embedded broker ended with code" in contained.said(), "its end is told")
         assert sorted((o.drone, o.word) for o in heard if o.is_last) == [(1, Word.COMPLETED), (2, Word.COMPLETED)]
         assert [len(system.commanded(n, 22)) for n in (1, 2)] == [1, 1]
