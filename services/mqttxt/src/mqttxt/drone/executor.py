@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from ..core.ledger import OVERRIDING
 from ..protocol.commands import (
     Arm,
@@ -28,13 +30,13 @@ from ..protocol.commands import (
 )
 from ..protocol.messages import CommandId, Word
 from ..protocol.parameters import ParameterSet
-from ..protocol.states import FlightMode, Landed
+from ..protocol.states import FlightMode
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
 from .held_lease import HeldLease
 from .interruptions import SETTLED_MS, interrupted, is_overridden, is_taken_over, modes_shown
 from .logs.reader import LogReader
-from .mavlink.plans import CannotExecute, Plan, check, landed_state
+from .mavlink.plans import CannotExecute, Plan, check
 from .mavlink.raw import Limits, plan_raw
 from .mavlink.sources import HALTING, Source
 from .mavlink.vehicle import Vehicle
@@ -50,6 +52,8 @@ from .takeoffs import Takeoffs
 SENDS = 4
 RESEND_MS = 500
 """MAVLink's command protocol: repeated until acknowledged; the counts are MAVSDK's."""
+IN_THE_AIR: int = mavlink.MAV_CMD_DO_REPOSITION
+"""What a hold is in the air."""
 ONCE_MS = 3000
 """How long a command that is never repeated may stay without an acknowledgement."""
 
@@ -300,7 +304,7 @@ class Executor:
         if (
             run.refused is None
             and not run.plan.is_said_once
-            and run.sends < SENDS
+            and run.sends + run.earlier_sends < SENDS
             and now_ms <= run.deadline_ms
             and not run.is_outdated
             and self._may_repeat(run, now_ms)
@@ -308,7 +312,7 @@ class Executor:
             return self._send(run, now_ms)
         if not run.is_outdated and self._has_other_form(run, now_ms):
             self._acknowledgements.rest(run, now_ms)
-            run.phase, run.sends, run.acks, run.refusals, run.has_other_form = Phase.WAITING, 0, 0, 0, True
+            run.phase, run.earlier_sends, run.sends, run.acks, run.refusals = Phase.WAITING, run.sends, 0, 0, 0
             return self._try_send(run, now_ms)
         if now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
@@ -329,13 +333,14 @@ class Executor:
 
     def _has_other_form(self, run: Run, now_ms: int) -> bool:
         """Whether an unanswered hold of the ground has to be written as that of the air."""
-        if not isinstance(run.command, Hold | Pause) or run.refused is not None or now_ms > run.deadline_ms:
+        is_over = run.refused is not None or now_ms > run.deadline_ms or run.sends + run.earlier_sends >= SENDS
+        if is_over or not isinstance(run.command, Hold | Pause):
             return False
         try:
             planned = self._plan(run.command, now_ms)
         except CannotExecute:
             return False
-        return planned.mav_cmd != run.plan.mav_cmd and landed_state(self.vehicle, now_ms) is not Landed.ON_GROUND
+        return planned.mav_cmd == IN_THE_AIR != run.plan.mav_cmd
 
     def _observe(self, now_ms: int) -> list[Output]:
         out: list[Output] = []

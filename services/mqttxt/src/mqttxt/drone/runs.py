@@ -92,8 +92,8 @@ class Run:
     may have been in when it accepted. `settled_number`: the newest message once later heartbeats must show the new
     mode, None until then. `is_outdated`: it is not sent again, because a newer command of its group was started,
     somebody changed the mode, or the process stood still. `has_shown`: a heartbeat has shown an unacknowledged arm's
-    effect. `has_set_item`: the mission's current item was set. `was_written`: at least once; `has_other_form`: in an
-    earlier form, which is unanswered.
+    effect. `has_set_item`: the mission's current item was set. `was_written`: at least once; `earlier_sends`: how
+    often in an earlier form, which is unanswered.
     """
 
     id: CommandId
@@ -130,7 +130,7 @@ class Run:
     has_set_item: bool = False
     has_shown: bool = False
     was_written: bool = False
-    has_other_form: bool = False
+    earlier_sends: int = 0
     source: Source = Source.COMPANION
 
     @property
@@ -193,7 +193,7 @@ class Runs:
         self._runs.remove(run)
         if run.was_written:
             self._ended.append((self.now_ms, run.own_modes))
-        if word.is_definite_no and run.has_other_form:
+        if word.is_definite_no and run.earlier_sends:
             word, reason = Word.UNCONFIRMED, "no_ack"
         if word.is_definite_no and run.may_have_changed:
             word, reason = Word.FAILED, reason or word.label
