@@ -12,9 +12,8 @@ import sqlite3
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeGuard
 
-from ...core.disk import is_fault
+from ...core.disk import is_fault, is_spoilt
 from ...errors import ConfigurationError, PayloadError
 from ...protocol.codec import decode, encode
 from ...protocol.readings import Reading, ReadingKey, ReadingMessage, checked
@@ -37,8 +36,6 @@ CREATE TABLE reading (
 )
 """
 _KEY = "sensor = ? AND boot = ? AND seq = ?"
-_SPOILT = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})
-"""SQLite's errors for a file that is not a whole database, as after a power loss."""
 
 
 @dataclass
@@ -113,7 +110,7 @@ class SensorStore:
                 return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
             with contextlib.suppress(sqlite3.Error):  # after some errors sqlite has already rolled back
                 self._database.execute("ROLLBACK")
-            if _is_spoilt(error):
+            if is_spoilt(error):
                 self.close()
                 self._is_open, self._spoilt = False, error
             return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
@@ -135,7 +132,7 @@ class SensorStore:
                 self._connect()
                 return
             except sqlite3.Error as error:
-                if not _is_spoilt(error):
+                if not is_spoilt(error):
                     raise
                 self._spoilt = error
         self._set_aside(self._spoilt)
@@ -220,10 +217,6 @@ class SensorStore:
             self._database.execute("DELETE FROM reading WHERE place = ?", (place,))
             self._count -= 1
         return rows
-
-
-def _is_spoilt(error: OSError | sqlite3.Error) -> TypeGuard[sqlite3.Error]:
-    return getattr(error, "sqlite_errorcode", 0) & 0xFF in _SPOILT
 
 
 def _restored(sensor: int, kind: str, payload: bytes) -> Reading:
