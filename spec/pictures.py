@@ -18,7 +18,7 @@ from rich.console import Console
 
 from mqttxt.core.clock import BEACON_INTERVAL_MS, DEFAULT_TTL_MS
 from mqttxt.core.settings import GRACE_MS
-from mqttxt.drone.executor import RESEND_MS, SENDS
+from mqttxt.drone.command_writer import RESEND_MS, SENDS
 from mqttxt.protocol.commands import Takeoff
 from mqttxt.protocol.topics import CloudSide, FogSide
 from testbed.fly.results import METRICS, REPORT

@@ -37,7 +37,7 @@ from mqttxt.gateway.parameter_copies import ParameterCopies
 from mqttxt.gateway.parameters import MESSAGES as PARAMETER_MESSAGES
 from mqttxt.gateway.parameters import ClientParameters
 from mqttxt.gateway.plan_copies import PlanCopies
-from mqttxt.gateway.settings import Settings
+from mqttxt.gateway.settings import ClientSettings
 from mqttxt.gateway.telemetry import View
 from mqttxt.gateway.translation import Request
 from mqttxt.gateway.uploads import Uploads
@@ -138,7 +138,9 @@ class Bench:
         downloads = Downloads(self.control, self.copies, self.uploads, self.view, lambda: self.now_ms, group)
         self.missions = Missions(self.uploads, downloads)
         self.parameter_copies = ParameterCopies()
-        settings = Settings(self.control, self.parameter_copies, self._send_to_all, lambda: self.now_ms, group, 5.0)
+        settings = ClientSettings(
+            self.control, self.parameter_copies, self._send_to_all, lambda: self.now_ms, group, 5.0
+        )
         self.parameters = ClientParameters(
             self.control, self.parameter_copies, settings, self.view, lambda: self.now_ms, group
         )

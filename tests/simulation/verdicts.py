@@ -9,7 +9,7 @@ from typing import Any
 
 from mqttxt.core.clock import RemoteClock
 from mqttxt.core.effects import Inbound, Publish
-from mqttxt.drone.executor import SENDS
+from mqttxt.drone.command_writer import SENDS
 from mqttxt.drone.mavlink.sources import HALTING
 from mqttxt.drone.resting_numbers import AckKey
 from mqttxt.protocol.codec import decode
@@ -143,7 +143,7 @@ class Judge:
         before.append((node.clock.session, now_us))
 
     def _shares_the_last_name(self, drone: int, command_id: CommandId, key: AckKey) -> None:
-        """Note holds in excess of names: the first acknowledgements are the older ones', and copies go on (R5.6)."""
+        """Note commands that stop, in excess of names: the first acknowledgements are the older ones' (R5.6)."""
         now_us = self._events.now_us
         older, written_us = self._newest_of_last_name.get((drone, key), (command_id, now_us))
         if older != command_id and now_us - written_us < LONGEST_SHARED_US:

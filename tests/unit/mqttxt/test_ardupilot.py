@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.drone.effects import Transmit
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.mavlink.ardupilot import ArduCopter
-from mqttxt.drone.mavlink.plans import Plan
+from mqttxt.drone.mavlink.plans import CommandPlan
 from mqttxt.drone.mavlink.raw import Limits
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.protocol.commands import (
@@ -70,7 +70,7 @@ def on_ground(mode: int = GUIDED, armed: bool = False) -> Vehicle:
     return vehicle(heartbeat(mode, armed), home(), position(), landed(1))
 
 
-def plan(command: Command, seen: Vehicle) -> Plan:
+def plan(command: Command, seen: Vehicle) -> CommandPlan:
     return seen.autopilot.plan(command, seen, 0)
 
 

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.core.effects import Log
 from mqttxt.drone.effects import Transmit
-from mqttxt.drone.mavlink.plans import Plan
+from mqttxt.drone.mavlink.plans import CommandPlan
 from mqttxt.drone.mavlink.px4 import Px4
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.drone.runs import Said
@@ -56,7 +56,7 @@ def test_after_a_time_out_the_number_is_barred_for_three_seconds() -> None:
     bench = Bench()
     bench.start(1, Arm())
     bench.until(2500)
-    assert written(bench.start(2, Disarm())) == []
+    assert written(bench.start(2, Arm())) == []
     assert written(bench.until(5400)) == []
     assert written(bench.until(5600)) == [ARM]
 
@@ -75,7 +75,7 @@ def test_a_late_acknowledgement_is_discarded_and_never_credited_to_the_next() ->
 def test_only_one_command_of_a_number_is_open() -> None:
     bench = Bench()
     bench.start(1, Arm())
-    assert written(bench.start(2, Disarm())) == []
+    assert written(bench.start(2, Arm())) == []
     assert said(bench.hear(ack(ARM))) == [(1, Word.ACCEPTED, None)]
     out = bench.until(200)
     assert written(out) == [ARM]
@@ -85,7 +85,7 @@ def test_only_one_command_of_a_number_is_open() -> None:
 def test_waiting_past_the_deadline_is_expired_and_never_written() -> None:
     bench = Bench()
     bench.start(1, Arm())
-    out = bench.start(2, Disarm(), deadline_ms=300) + bench.until(400)
+    out = bench.start(2, Arm(), deadline_ms=300) + bench.until(400)
     assert said(out) == [(2, Word.EXPIRED, None)]
     assert written(out) == []
 
@@ -194,7 +194,7 @@ def test_progress_without_end_fails_at_the_limit_and_the_number_rests() -> None:
     bench.start(1, Arm(), limit_ms=4000)
     bench.hear(ack(ARM, 5, 40))
     assert said(bench.until(4000)) == [(1, Word.FAILED, "timeout")]
-    assert written(bench.start(2, Disarm())) == []
+    assert written(bench.start(2, Arm())) == []
     assert [o.kind for o in bench.hear(ack(ARM)) if isinstance(o, Log)] == ["ack_discarded"]
     assert written(bench.until(4100)) == [ARM]
 
@@ -429,7 +429,7 @@ def test_a_command_is_planned_once_to_be_written_at_once(monkeypatch: pytest.Mon
     planned: list[Command] = []
     plan = Px4.plan
 
-    def noted(self: Px4, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
+    def noted(self: Px4, command: Command, vehicle: Vehicle, now_ms: int) -> CommandPlan:
         planned.append(command)
         return plan(self, command, vehicle, now_ms)
 

@@ -9,8 +9,8 @@ import pytest
 
 from mqttxt import Airframe, Arm, Armed, Drone, Hold, Home, Stream, Takeoff, Word
 from mqttxt.gateway import control
+from mqttxt.gateway.arming import HEARD_MS
 from mqttxt.gateway.clients import Client
-from mqttxt.gateway.desk import HEARD_MS
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.translation import Request
 from tests.simulation.desk import Bench

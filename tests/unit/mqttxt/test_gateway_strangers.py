@@ -14,9 +14,10 @@ from mqttxt import Airframe, Arm, Armed, Disarm, Drone, Hold, SetParameter, Word
 from mqttxt.gateway import control
 from mqttxt.gateway.answers import Answers
 from mqttxt.gateway.clients import Client
-from mqttxt.gateway.desk import MOST_OF_STRANGERS, MOST_UNDER_WAY
+from mqttxt.gateway.desk import MOST_UNDER_WAY
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.parameters import MOST_WAITING
+from mqttxt.gateway.requests import MOST_OF_STRANGERS
 from mqttxt.gateway.settings import MOST_OPEN
 from mqttxt.gateway.telemetry import Turns
 from mqttxt.gateway.translation import Request

@@ -1,4 +1,4 @@
-"""A hold waits for no acknowledgement (R5.6): it is written beside what is open, and told by its source."""
+"""What stops a drone waits for no acknowledgement (R5.6): it is written beside what is open, and told by its source."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.drone.effects import Transmit
 from mqttxt.drone.mavlink.sources import HALTING, Source
 from mqttxt.drone.runs import Said
-from mqttxt.protocol.commands import Command, Goto, Hold, Land, Return, Takeoff
+from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
 from mqttxt.protocol.messages import Word
-from tests.simulation.workbench import MODE, REPOSITION, TAKEOFF, Bench, said, written
+from tests.simulation.workbench import ARM, LAND, MODE, REPOSITION, TAKEOFF, Bench, said, written
 from tests.simulation.world import ack, from_autopilot, heartbeat, home, landed, position
 
 ON_GROUND, IN_AIR = 1, 2
@@ -112,6 +112,32 @@ def test_where_every_source_is_taken_the_first_acknowledgement_is_the_older_hold
     assert said(bench.hear(halt_ack(source=HALTING[-1])))[0] == (3, *ACCEPTED)
 
 
+@pytest.mark.parametrize(("command", "number"), [(Land(), LAND), (Return(), MODE), (Disarm(), ARM)])
+def test_what_stops_a_drone_does_not_wait_for_a_number_that_rests(command: Command, number: int) -> None:
+    bench = flying(ON_GROUND)
+    assert sources(bench.start(1, command)) == [(number, Source.COMPANION)]
+    assert sources(bench.start(2, command)) == [(number, Source.HALT)]
+    assert said(bench.until(2600))[-1] == (2, Word.UNCONFIRMED, "no_ack")
+    assert sources(bench.start(3, command)) == [(number, Source.HALT_2)]
+    assert said(bench.hear(ack(number, source=Source.HALT))) == []  # the second one's, late
+    assert said(bench.hear(ack(number, source=Source.HALT_2)))[0] == (3, *ACCEPTED)
+
+
+def test_disarm_does_not_wait_for_an_arm_which_is_not_written_again_behind_it() -> None:
+    bench = Bench(heartbeat(), home(), position(), landed(ON_GROUND))
+    assert sources(bench.start(1, Arm())) == [(ARM, Source.COMPANION)]
+    assert sources(bench.start(2, Disarm())) == [(ARM, Source.HALT)]
+    assert said(bench.hear(ack(ARM))) == [(1, *ACCEPTED)]
+    assert said(bench.hear(ack(ARM, source=Source.HALT))) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
+    assert written(bench.until(10_000)) == []
+
+
+def test_an_arm_still_waits_for_a_disarms_acknowledgement() -> None:
+    bench = Bench(heartbeat(), home(), position(), landed(ON_GROUND))
+    bench.start(1, Disarm())
+    assert written(bench.start(2, Arm())) == []
+
+
 LAST = HALTING[-1]
 
 
@@ -199,9 +225,11 @@ class Link:
 
     def _judge(self, said: Said) -> None:
         if said.word is Word.ACCEPTED:
-            halts = isinstance(self.commands[said.id.seq], Hold)
-            likes = [seq for seq in self.answered if isinstance(self.commands[seq], Hold) and seq >= said.id.seq]
-            assert said.id.seq in self.answered or (halts and likes), "accepted by the answer to an earlier command"
+            kind = type(self.commands[said.id.seq])
+            likes = [seq for seq in self.answered if type(self.commands[seq]) is kind and seq >= said.id.seq]
+            assert said.id.seq in self.answered or (kind in (Hold, Land) and likes), (
+                "accepted by the answer to an earlier command"
+            )
 
 
 EVENTS = st.lists(
@@ -218,7 +246,7 @@ EVENTS = st.lists(
 @example([(THERE, 0, None), (Hold(), 0, None), (THERE, 0, 0), (Hold(), 0, 25), (Hold(), 31, None)])
 @example([(Hold(), 0, 25), (THERE, 1, 0), (Hold(), 7, None), (Hold(), 31, 3)])
 @settings(deadline=None)
-def test_whatever_acknowledgements_are_lost_or_late_a_hold_in_the_air_is_written_at_once(events: Any) -> None:
+def test_whatever_acknowledgements_are_lost_or_late_a_hold_or_landing_is_written_at_once(events: Any) -> None:
     """Each event: a command, tenths of a second after it, and how late what is written then is acknowledged."""
     bench = flying()
     link = Link(bench)
@@ -226,8 +254,8 @@ def test_whatever_acknowledgements_are_lost_or_late_a_hold_in_the_air_is_written
         if command is not None:
             link.commands[seq] = command
             out = bench.start(seq, command, bench.now_ms + 5000, 60_000)
-            if isinstance(command, Hold):
-                assert [source in HALTING for _, source in sources(out)] == [True]
+            if isinstance(command, Hold | Land):
+                assert [source in HALTING or command == Land() for _, source in sources(out)] == [True]
             link.carry(out, late_tenths)
         for _ in range(tenths):
             link.tick(late_tenths)

@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.drone.effects import Transmit
-from mqttxt.drone.mavlink.parameter_protocol import BEGINNINGS, Reading, parameter_of, set_message
+from mqttxt.drone.mavlink.parameter_protocol import BEGINNINGS, SetReading, parameter_of, set_message
 from mqttxt.drone.mavlink.plans import CannotExecute
 from mqttxt.drone.mavlink.px4 import Px4
 from mqttxt.drone.mavlink.vehicle import Vehicle
@@ -123,7 +123,7 @@ def test_what_another_station_sets_meanwhile_is_in_the_set() -> None:
 
 
 def test_a_change_while_the_list_is_read_is_in_the_set() -> None:
-    reading = Reading(1, bytewise=True)
+    reading = SetReading(1, bytewise=True)
     reading.begin(0)
     for index in range(3):
         reading.on_value(value(f"P{index}".encode(), 1.0, index, 4), 0)
@@ -135,7 +135,7 @@ def test_a_change_while_the_list_is_read_is_in_the_set() -> None:
 
 
 def test_a_value_out_of_no_parameters_is_no_whole_set() -> None:
-    reading = Reading(1, bytewise=True)
+    reading = SetReading(1, bytewise=True)
     reading.begin(0)
     reading.on_value(value(b"A", 1.0, 65_535, 0), 0)
     assert not reading.is_over
@@ -156,7 +156,7 @@ def test_a_value_out_of_no_parameters_is_no_whole_set() -> None:
 def test_a_list_that_changes_while_it_is_read_begins_anew(
     read: list[Any], other: Any, names: tuple[bytes, ...]
 ) -> None:
-    reading = Reading(1, bytewise=True)
+    reading = SetReading(1, bytewise=True)
     reading.begin(0)
     for one in read:
         reading.on_value(one, 0)
@@ -170,7 +170,7 @@ def test_a_list_that_changes_while_it_is_read_begins_anew(
 
 
 def test_more_names_than_parameters_begin_the_list_anew_and_are_not_kept() -> None:
-    reading = Reading(1, bytewise=True)
+    reading = SetReading(1, bytewise=True)
     asked = reading.begin(0)
     most = 0
     for number in range(20 * BEGINNINGS):
@@ -182,7 +182,7 @@ def test_more_names_than_parameters_begin_the_list_anew_and_are_not_kept() -> No
 
 
 def test_a_list_that_never_settles_is_given_up() -> None:
-    reading = Reading(1, bytewise=True)
+    reading = SetReading(1, bytewise=True)
     reading.begin(0)
     for total in range(10, 10 + BEGINNINGS + 1):
         reading.on_value(value(b"A", 1.0, 0, total), 0)
@@ -191,7 +191,7 @@ def test_a_list_that_never_settles_is_given_up() -> None:
 
 @pytest.mark.parametrize("total", [MOST_PARAMETERS + 1, 65_535])
 def test_more_than_there_may_be_are_refused(total: int) -> None:
-    reading = Reading(1, bytewise=True)
+    reading = SetReading(1, bytewise=True)
     reading.begin(0)
     reading.on_value(value(b"A", 1.0, 0, total), 0)
     assert reading.error == f"too_many, {total}"
@@ -245,7 +245,7 @@ def _booted(time_ms: int) -> Any:
 
 @pytest.mark.parametrize("name", [b"caf\xe9", b"A B", b"\xff\xff", b"", b"A\nB", b"A/B"])
 def test_a_name_with_odd_bytes_is_left_out_and_ends_no_reading(name: bytes) -> None:
-    reading = Reading(1, bytewise=True)
+    reading = SetReading(1, bytewise=True)
     reading.begin(0)
     reading.on_value(value(name, 1.0, 0, 2), 0)
     reading.on_value(value(b"GOOD", 1.0, 1, 2), 0)

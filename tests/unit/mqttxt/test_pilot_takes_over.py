@@ -108,15 +108,16 @@ def test_offboard_begins_behind_a_takeoff_that_the_autopilot_ends_in_hold() -> N
     assert written(flight.fly_until(900)) == [MODE]
 
 
-def test_a_return_that_waits_for_its_number_is_not_written_behind_a_pilot() -> None:
+def test_a_goto_that_waits_for_its_number_is_not_written_behind_a_pilot() -> None:
     bench = Bench(heartbeat(armed=True), home(), position(20.0), landed(2))
-    bench.start(1, Return(), deadline_ms=10_000)
+    bench.start(1, Goto(47.4, 8.5, 10.0), deadline_ms=10_000)
     bench.until(3200)  # never acknowledged: the number rests
-    bench.start(2, Return(), deadline_ms=10_000)
+    bench.hear(landed(2))
+    bench.start(2, Goto(47.4, 8.5, 10.0), deadline_ms=10_000)
     bench.until(3600)
-    bench.hear(by_pilot())
+    bench.hear(landed(2), by_pilot())
     out = bench.until(9000)
-    assert MODE not in written(out)
+    assert REPOSITION not in written(out)
     assert (2, Word.DENIED, "mode_changed") in said(out)
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mqttxt.drone.mavlink.plans import CannotExecute, Plan
+from mqttxt.drone.mavlink.plans import CannotExecute, CommandPlan
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
 from tests.simulation.world import heartbeat, home, landed, position
@@ -23,7 +23,7 @@ def vehicle(*messages: Any) -> Vehicle:
     return made
 
 
-def plan(command: Command, seen: Vehicle) -> Plan:
+def plan(command: Command, seen: Vehicle) -> CommandPlan:
     return seen.autopilot.plan(command, seen, 0)
 
 

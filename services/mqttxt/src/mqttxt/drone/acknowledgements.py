@@ -15,7 +15,7 @@ from .interruptions import modes_shown
 from .mavlink.mav_result import answered, percent_of, refusal
 from .mavlink.vehicle import Vehicle
 from .offboard import OffboardPilot
-from .resting_numbers import AckKey, Kind
+from .resting_numbers import AckKey, AnsweredWrite
 from .runs import Output, Phase, Run, Runs, Said
 
 UNEXPLAINED = "autopilot"
@@ -156,10 +156,10 @@ class Acknowledgements:
         if expected is None:
             text = f"COMMAND_ACK of {mav_cmd} without an open command"
             return [Log("ack_unexpected", text)] if mav_cmd in _FLIGHT_COMMANDS else []
-        is_accepted, is_second = result == mavlink.MAV_RESULT_ACCEPTED, expected.kind is Kind.SECOND
+        is_accepted, is_second = result == mavlink.MAV_RESULT_ACCEPTED, expected.kind is AnsweredWrite.SECOND
         if is_accepted and not is_second and self.vehicle.answers_twice(mav_cmd):
             self.runs.acks.expect_second(key, expected.owner, now_ms)
-        late = [Log("ack_discarded", f"late COMMAND_ACK of {mav_cmd}")] if expected.kind is Kind.LATE else []
+        late = [Log("ack_discarded", f"late COMMAND_ACK of {mav_cmd}")] if expected.kind is AnsweredWrite.LATE else []
         run = self.runs.find(expected.owner) if expected.owner is not None else None
         if run is None:
             return [*late]

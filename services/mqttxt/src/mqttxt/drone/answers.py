@@ -12,7 +12,7 @@ from .runs import Said
 
 
 @dataclass
-class Answers:
+class CommandResults:
     """A command's results: its name for the topic, the newest word, and whether a last word was acknowledged.
 
     `said` is that word as it was published, to answer repetitions of the command.

@@ -23,7 +23,7 @@ from ..protocol.values import shown
 from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_IN_CONTROL
 from ..security.cose import Envelope
 from ..security.seal import Signed
-from .answers import Answers, Unfinished, result_of
+from .answers import CommandResults, Unfinished, result_of
 from .effects import Effect, Journal
 from .executor import Executor
 from .first_words import FirstWords
@@ -65,7 +65,7 @@ class CommandDesk:
         has_paths: bool,
         is_audited: Callable[[], bool] | None,
     ) -> None:
-        self.ledger: Ledger[Answers] = Ledger()
+        self.ledger: Ledger[CommandResults] = Ledger()
         self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
         settings = channel.settings
@@ -88,7 +88,7 @@ class CommandDesk:
         self._to_start: dict[CommandId, CommandMessage] = {}
         self._restored = list(unfinished)
         for left in self._restored:
-            self.ledger.enter(left.id, None, Answers(left.command, is_journalled=True), 0)
+            self.ledger.enter(left.id, None, CommandResults(left.command, is_journalled=True), 0)
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
         """Admit or answer a command. Raises PayloadError for a bad signature, before anything else (R12.9)."""
@@ -167,7 +167,9 @@ class CommandDesk:
             reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
             denial = result_of(Said(command.id, Word.DENIED, reason), self._session, now_ms)
             return [*self.say_first_words(), self._publish_result(command.command.name, denial, kept=False)]
-        self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share, station)
+        self.ledger.enter(
+            command.id, command.command, CommandResults(command.command.name), known_until_ms, share, station
+        )
         who = signed.signer if signed is not None else None
         audit = Audit("command", command, now_ms, who, self._drone, signed is not None)
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
@@ -257,7 +259,7 @@ class CommandDesk:
     def _audited(self, word: ResultMessage, now_ms: int) -> Audit:
         return Audit("word", word, now_ms, f"drone{self._drone}", self._drone, self._channel.seal is not None)
 
-    def _answer(self, record: Answers) -> list[Effect]:
+    def _answer(self, record: CommandResults) -> list[Effect]:
         """Publish the newest word while the client is born; otherwise it is published after the birth.
 
         At QoS 0 no PUBACK confirms it: a station queries for a lost one.
@@ -280,7 +282,7 @@ class CommandDesk:
         """Whether an effect is a word about a command."""
         return isinstance(effect, Publish) and effect.topic.startswith(self._results)
 
-    def _delivered(self, command_id: CommandId, record: Answers) -> list[Effect]:
+    def _delivered(self, command_id: CommandId, record: CommandResults) -> list[Effect]:
         """The last word was delivered, and is not published again."""
         record.delivered = True
         return [Journal(command_id, record.name, done=True)] if record.is_journalled else []

@@ -17,7 +17,7 @@ from .effects import Effect
 from .grants import Grants
 
 
-class Control:
+class SessionControl:
     """The newest lease of one UAV client session, which it applies to the session's commands (`desk`)."""
 
     def __init__(self, drone: int, session: int, channel: Channel, desk: CommandDesk, owners: SessionOwners) -> None:

@@ -44,7 +44,7 @@ class Ending:
 
 
 @dataclass
-class Flight:
+class OffboardFlight:
     """The set-points of one offboard command."""
 
     command: Offboard
@@ -62,7 +62,7 @@ class OffboardPilot:
         self._runs = runs
         self.unsure_after = -1
         """The newest message before the process last stood still: a pilot may have taken over since."""
-        self._flights: dict[Run, Flight] = {}
+        self._flights: dict[Run, OffboardFlight] = {}
 
     def refusal(self, gs_session: int, now_ms: int) -> str | None:
         """Why a station's offboard command must not start now, None if it may."""
@@ -82,7 +82,7 @@ class OffboardPilot:
     def begin(self, run: Run, now_ms: int) -> None:
         """Start the run's set-points; the first is due at once."""
         assert isinstance(run.command, Offboard)
-        self._flights.setdefault(run, Flight(run.command, now_ms))
+        self._flights.setdefault(run, OffboardFlight(run.command, now_ms))
 
     def is_primed(self, run: Run) -> bool:
         flight = self._flights.get(run)

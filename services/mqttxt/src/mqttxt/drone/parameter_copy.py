@@ -9,7 +9,7 @@ from ..protocol.bulk import Unchanged
 from ..protocol.parameters import ParameterSet
 from .effects import Transmit
 from .mavlink.mission_protocol import Exchange
-from .mavlink.parameter_protocol import Reading, has_hash, parameter_of
+from .mavlink.parameter_protocol import SetReading, has_hash, parameter_of
 from .mavlink.vehicle import Vehicle
 from .runs import Output
 
@@ -34,7 +34,7 @@ class ParameterCopy:
         self._is_wanted = False
         self._error: tuple[str, int] | None = None
         self._proof: Exchange | None = None
-        self._reading: Reading | None = None
+        self._reading: SetReading | None = None
         self._restarts = vehicle.boots.restarts
 
     @property
@@ -103,7 +103,7 @@ class ParameterCopy:
         return [Transmit(step.message) for step in self._proof.begin(now_ms)]
 
     def _read(self, now_ms: int) -> list[Output]:
-        self._reading = Reading(self._vehicle.system_id, self._vehicle.autopilot.bytewise)
+        self._reading = SetReading(self._vehicle.system_id, self._vehicle.autopilot.bytewise)
         return [Transmit(one) for one in self._reading.begin(now_ms)]
 
     def _fold(self, message: Any) -> None:

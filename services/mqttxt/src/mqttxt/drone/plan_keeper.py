@@ -11,7 +11,7 @@ from ..protocol.messages import CommandId, Word
 from ..protocol.plans import PlanItem, PlanList, PlanObject
 from ..protocol.states import Armed, FlightMode, FlightModeName
 from .effects import Transmit
-from .mavlink.mission_protocol import Exchange, Step, Steps, TransferFailed
+from .mavlink.mission_protocol import Exchange, ExchangeFailed, Step, Steps
 from .mavlink.plans import CannotExecute
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
@@ -212,7 +212,7 @@ class PlanKeeper:
         """End a job with its last word; the start's run gives that of a preparation."""
         job.exchange.stop()
         if job.is_preparation:
-            job.exchange.error = job.exchange.error or TransferFailed(reason or word.label)
+            job.exchange.error = job.exchange.error or ExchangeFailed(reason or word.label)
             return []
         self._jobs.remove(job)
         if job.id is None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..protocol.plans import PlanItem, PlanList, list_hash
-from .mavlink.mission_protocol import FENCE_CIRCLES, FENCE_CORNERS, Steps, TransferFailed, read, set_current, write
+from .mavlink.mission_protocol import FENCE_CIRCLES, FENCE_CORNERS, ExchangeFailed, Steps, read, set_current, write
 from .mavlink.plans import CannotExecute
 from .mavlink.vehicle import Vehicle
 
@@ -37,7 +37,7 @@ def check_nulls(lists: Mapping[PlanList, Items]) -> None:
                 raise CannotExecute(f"{kind.label} item {number}: its altitude is null")
 
 
-class OtherPlan(TransferFailed):
+class OtherPlan(ExchangeFailed):
     """The autopilot's mission is not the one that the command names, or lacks its item; nothing is begun."""
 
 
@@ -71,7 +71,7 @@ class PlanLists:
         return found
 
     def replace(self, wanted: Mapping[PlanList, Items]) -> Steps[None]:
-        """Replace lists by `wanted`, or restore all and raise TransferFailed ("partial, ..." if that failed).
+        """Replace lists by `wanted`, or restore all and raise ExchangeFailed ("partial, ..." if that failed).
 
         A list that the autopilot already has is not written.
         """
@@ -86,9 +86,9 @@ class PlanLists:
                     yield from self._put(kind, items)
                 self._written[kind] = items
                 self._know(kind, items)
-        except TransferFailed as error:
+        except ExchangeFailed as error:
             if not (yield from self._put_back({kind: before[kind] for kind in changed})):
-                raise TransferFailed(f"partial, {error}") from error
+                raise ExchangeFailed(f"partial, {error}") from error
             raise
 
     def select(self, mission: bytes, item: int | None) -> Steps[None]:
@@ -109,16 +109,16 @@ class PlanLists:
             self.vehicle.mission.begin()
 
     def _put(self, kind: PlanList, items: Items) -> Steps[None]:
-        """Write a list and read it back. Raises TransferFailed with the first item that differs."""
+        """Write a list and read it back. Raises ExchangeFailed with the first item that differs."""
         self.vehicle.mission.hashes.pop(kind, None)
         home_items = self._home_items(kind)
         yield from write(self.vehicle.system_id, kind, self._for_autopilot(items, kind), home_items)
         found = self._of_autopilot((yield from self._read(kind)), kind)
         if len(found) != len(items):
-            raise TransferFailed(f"{kind.label}: {len(found)} items of {len(items)} were read back")
+            raise ExchangeFailed(f"{kind.label}: {len(found)} items of {len(items)} were read back")
         for number, (one, other) in enumerate(zip(items, found, strict=True), start=1):
             if not self._alike((one,), (other,), kind):
-                raise TransferFailed(f"{kind.label} item {number}: read back as another one")
+                raise ExchangeFailed(f"{kind.label} item {number}: read back as another one")
 
     def _put_back(self, before: Mapping[PlanList, Items]) -> Steps[bool]:
         """Restore the lists; returns whether that succeeded."""
@@ -127,7 +127,7 @@ class PlanLists:
                 if not self._alike(items, (yield from self.fetch(kind)), kind):
                     yield from self._put(kind, items)
                     yield from self.fetch(kind)
-        except TransferFailed:
+        except ExchangeFailed:
             return False
         return True
 

@@ -20,7 +20,7 @@ AckKey = tuple[int, Source]
 """The fields that identify an acknowledgement: the MAV_CMD, and the component that sent it."""
 
 
-class Kind(Enum):
+class AnsweredWrite(Enum):
     """The write that an acknowledgement answers if no run waits for it: the client's own, another copy of a command
     that was answered or given up, or one that was already accepted.
     """
@@ -34,7 +34,7 @@ class Kind(Enum):
 class Expected:
     """An acknowledgement that may arrive until `until_ms`; `owner` is the command that the write was for."""
 
-    kind: Kind
+    kind: AnsweredWrite
     owner: CommandId | None
     until_ms: int
 
@@ -67,18 +67,18 @@ class Acks:
         if self.is_free(key, now_ms):
             self._earlier[key].clear()
         self._rests_until_ms[key] = until_ms = now_ms + STRAY_ACK_MS
-        self._earlier[key].extend([Expected(Kind.LATE, owner, until_ms)] * late)
+        self._earlier[key].extend([Expected(AnsweredWrite.LATE, owner, until_ms)] * late)
 
     def expect(self, key: AckKey, now_ms: int, owner: CommandId | None = None) -> None:
         """The client wrote a message of its own, for `owner` or no command; no run waits for its answer."""
         self._rests_until_ms[key] = until_ms = now_ms + STRAY_ACK_MS
-        self._own[key].append(Expected(Kind.OWN, owner, until_ms))
+        self._own[key].append(Expected(AnsweredWrite.OWN, owner, until_ms))
 
     def expect_second(self, key: AckKey, owner: CommandId | None, now_ms: int) -> None:
         """An accepted write may be acknowledged once more, before all later writes."""
         until_ms = now_ms + SECOND_ACK_MS
         self._rests_until_ms[key] = max(self._rests_until_ms.get(key, 0), until_ms)
-        self._earlier[key].insert(0, Expected(Kind.SECOND, owner, until_ms))
+        self._earlier[key].insert(0, Expected(AnsweredWrite.SECOND, owner, until_ms))
 
     def take(self, key: AckKey, now_ms: int) -> Expected | None:
         """Match an acknowledgement that no run waits for; None if unexpected. The last one frees its key."""
@@ -87,7 +87,7 @@ class Acks:
         if not expected:
             return None
         taken = next((one for one in expected if now_ms < one.until_ms), expected[0])
-        (own if taken.kind is Kind.OWN else earlier).remove(taken)
+        (own if taken.kind is AnsweredWrite.OWN else earlier).remove(taken)
         if not any(now_ms < one.until_ms for one in (*earlier, *own)):
             self._rests_until_ms.pop(key, None)
         return taken

@@ -26,7 +26,7 @@ from ..security.seal import Seal
 from .answers import Unfinished
 from .bulk import BulkPort, BulkStore
 from .commands import LINK, CommandDesk
-from .control import Control
+from .control import SessionControl
 from .effects import Effect
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
@@ -102,7 +102,7 @@ class UavClient:
         self._states = PublishedStates(
             drone, session, self._channel, self.topics, self._streams, self.vehicle, policies, options.all_states
         )
-        self._control = Control(drone, session, self._channel, self.desk, owners)
+        self._control = SessionControl(drone, session, self._channel, self.desk, owners)
         self._enquiries = Enquiries(self.vehicle, options.all_states)
         self._endurance = EnduranceMeter(self.vehicle, options.endurance_s)
         self._awaited_subacks = 0

@@ -10,7 +10,7 @@ from ..protocol.commands import Command, Resume, StartMission
 from ..protocol.messages import CommandId, Word
 from ..protocol.states import FlightMode, FlightModeName
 from .effects import Effect
-from .mavlink.plans import Plan
+from .mavlink.plans import CommandPlan
 from .mavlink.sources import Source
 from .resting_numbers import AckKey, Acks
 
@@ -92,13 +92,13 @@ class Run:
     may have been in when it accepted. `settled_number`: the newest message once later heartbeats must show the new
     mode, None until then. `is_outdated`: it is not sent again, because a newer command of its group was started,
     somebody changed the mode, or the process stood still. `has_shown`: a heartbeat has shown an unacknowledged arm's
-    effect. `has_set_item`: the mission's current item was set. `was_written`: at least once; `earlier_sends`: how
-    often in an earlier form, which is unanswered.
+    effect. `has_set_item`: the mission's current item was set. `earlier_sends`: how often it was written in an earlier
+    form, which is unanswered.
     """
 
     id: CommandId
     command: Command
-    plan: Plan
+    plan: CommandPlan
     deadline_ms: int
     limit_ms: int
     phase: Phase = Phase.WAITING
@@ -129,7 +129,6 @@ class Run:
     is_outdated: bool = False
     has_set_item: bool = False
     has_shown: bool = False
-    was_written: bool = False
     earlier_sends: int = 0
     source: Source = Source.COMPANION
 
@@ -144,8 +143,13 @@ class Run:
 
     @property
     def own_modes(self) -> frozenset[FlightModeName]:
-        """The modes that the autopilot may be in because of it."""
-        return (self.plan.modes or frozenset()) | self.plan.passing
+        """The modes that the autopilot may be in because of what was written for it."""
+        own: set[FlightModeName] = set()
+        if self.sends + self.earlier_sends > 0:
+            own |= (self.plan.modes or frozenset()) | self.plan.passing
+        if self.preparation is not None and self.preparation.writes > 0:
+            own.add(self.preparation.mode)
+        return frozenset(own)
 
     @property
     def may_have_changed(self) -> bool:
@@ -191,8 +195,7 @@ class Runs:
     ) -> Said:
         """End a run with its last word; a definite no becomes `failed` if the autopilot may have changed."""
         self._runs.remove(run)
-        if run.was_written:
-            self._ended.append((self.now_ms, run.own_modes))
+        self._ended.append((self.now_ms, run.own_modes))
         if word.is_definite_no and run.earlier_sends:
             word, reason = Word.UNCONFIRMED, "no_ack"
         if word.is_definite_no and run.may_have_changed:
@@ -200,9 +203,9 @@ class Runs:
         return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
 
     def own_modes(self, besides: Run) -> frozenset[FlightModeName]:
-        """The modes of all other commands that were written and are open, or ended within `OWN_MODE_MS`."""
+        """The modes of all other commands that are open, or ended within `OWN_MODE_MS`."""
         self._ended = [(at_ms, modes) for at_ms, modes in self._ended if self.now_ms - at_ms <= OWN_MODE_MS]
-        written = [run.own_modes for run in self._runs if run is not besides and run.was_written]
+        written = [run.own_modes for run in self._runs if run is not besides]
         return frozenset[FlightModeName]().union(*written, *(modes for _, modes in self._ended))
 
     def awaiting(self, *keys: AckKey) -> Run | None:
@@ -211,7 +214,7 @@ class Runs:
         return next((run for run in waiting if run.sends > run.acks), None)
 
     def sharing(self, key: AckKey) -> list[Run]:
-        """The runs that are sent under a key and not accepted: several only if holds had to share a component."""
+        """The runs that are sent under a key and not accepted: several only if commands that stop shared a component."""
         return [run for run in self._runs if run.phase is Phase.SENT and run.ack_key == key]
 
     def is_free(self, key: AckKey, now_ms: int) -> bool:

@@ -15,7 +15,7 @@ from ..protocol.commands import Stream
 from ..protocol.mavlink_states import kind_of, kinds, state_of
 from ..protocol.states import STATES, AutopilotText, State
 from ..protocol.topics import MAVLINK_STATE
-from .mavlink.plans import CannotExecute, Plan, command_long
+from .mavlink.plans import CannotExecute, CommandPlan, command_long
 from .mavlink.vehicle import SOURCES, Vehicle
 
 ENOUGH = 0.8
@@ -57,7 +57,7 @@ class Streams:
         """Whether a state is slow enough to wait for bundles every `bundle_ms`; a MAVLink message never waits."""
         return not name.startswith(MAVLINK_STATE) and self._turns[name].interval_ms >= bundle_ms
 
-    def plan(self, command: Stream, now_ms: int) -> Plan:
+    def plan(self, command: Stream, now_ms: int) -> CommandPlan:
         """The plan that sets a rate. Raises CannotExecute for a state or a message that does not exist."""
         kind = source_of(command.state)
         message, ask = None, None
@@ -65,7 +65,7 @@ class Streams:
             wanted_hz = self._wanted_hz(kind, command)
             ask = self._question(kind, wanted_hz, now_ms)
             message = None if ask is None else self._interval(kind, ask)
-        return Plan(
+        return CommandPlan(
             message=message,
             mav_cmd=mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
             group=("stream", command.state),

@@ -17,7 +17,7 @@ from .answers import TEXT_MS
 from .clients import Client
 from .control import ClientControl
 from .parameter_copies import TAKEOFF_ALTITUDE, ParameterCopies, Shown
-from .settings import NOT_THERE, Settings, error_message
+from .settings import NOT_THERE, ClientSettings, error_message
 from .telemetry import View
 from .texts import send_text
 from .translation import Declined
@@ -60,7 +60,7 @@ class ClientParameters:
         self,
         control: ClientControl,
         copies: ParameterCopies,
-        settings: Settings,
+        settings: ClientSettings,
         view: Callable[[Drone], View],
         now_ms: Callable[[], int],
         group: asyncio.TaskGroup,

@@ -31,18 +31,18 @@ from ..station.ground_station import GroundStation
 from ..station.outcomes import ControlChanged, Outcome, Reachability, StateUpdate
 from ..station.views import Drone, Fog
 from .answers import Answers
+from .client_commands import acknowledge, text_of
 from .clients import Client, Clients
 from .control import ClientControl
 from .desk import Desk
 from .downloads import Downloads
 from .endpoints import ClientAddress, Endpoints, Peer
-from .entries import acknowledge, text_of
 from .missions import MESSAGES, Missions
 from .parameter_copies import ParameterCopies
 from .parameters import MESSAGES as PARAMETER_MESSAGES
 from .parameters import ClientParameters
 from .plan_copies import PlanCopies
-from .settings import Settings
+from .settings import ClientSettings
 from .telemetry import LOCAL, Turns, View
 from .texts import send_text
 from .translation import Request, is_of_protocol
@@ -113,7 +113,9 @@ class Gateway:
                 uploads = Uploads(self._control, self._copies, self._view, self._now_ms, group, self._ttl_s)
                 downloads = Downloads(self._control, self._copies, uploads, self._view, self._now_ms, group)
                 self._missions = Missions(uploads, downloads)
-                settings = Settings(self._control, self._parameter_copies, self._send, self._now_ms, group, self._ttl_s)
+                settings = ClientSettings(
+                    self._control, self._parameter_copies, self._send, self._now_ms, group, self._ttl_s
+                )
                 self._parameters = ClientParameters(
                     self._control, self._parameter_copies, settings, self._view, self._now_ms, group
                 )

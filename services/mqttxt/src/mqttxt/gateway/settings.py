@@ -18,9 +18,9 @@ from ..protocol.parameters import Parameter
 from ..protocol.states import Severity
 from ..station.outcomes import Outcome
 from ..station.views import Drone
+from .client_commands import REPEAT_MS
 from .clients import Client
 from .control import ClientControl
-from .entries import REPEAT_MS
 from .parameter_copies import HIGHEST_M, LOWEST_M, TAKEOFF_ALTITUDE, ParameterCopies
 from .texts import send_text
 from .translation import NOT_NOW, Declined
@@ -58,7 +58,7 @@ class Setting:
         return self.ended_ms is None or now_ms - self.ended_ms <= REPEAT_MS
 
 
-class Settings:
+class ClientSettings:
     """The settings of all clients, each followed by a task of `group`; parameters as in `Desk`."""
 
     def __init__(

@@ -30,8 +30,8 @@ from ...protocol.states import Armed, FlightMode, FlightModeName, Health, Landed
 from .autopilot import Autopilot
 from .plans import (
     CannotExecute,
+    CommandPlan,
     Group,
-    Plan,
     arming,
     check_pause,
     climbed,
@@ -170,7 +170,7 @@ class ArduCopter(Autopilot):
         """After a mission it stays in its mode and stands still."""
         return vehicle.is_still(after)
 
-    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> CommandPlan:
         if isinstance(command, Arm):
             mode, is_armed = vehicle.seen(FlightMode), vehicle.seen(Armed) == Armed(True)
             stays = is_armed or (mode is not None and mode.mode in _ARMABLE)
@@ -183,12 +183,14 @@ class ArduCopter(Autopilot):
             return _goto(command, vehicle)
         if isinstance(command, Land):
             message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND)
-            return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
+            return CommandPlan(
+                message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND})
+            )
         if isinstance(command, Pause):
             check_pause(vehicle)
         if isinstance(command, StartMission | Resume):
             message = command_long(vehicle, mavlink.MAV_CMD_MISSION_START)
-            return mission(vehicle, Plan(message, mavlink.MAV_CMD_MISSION_START, Group.MOTION, never))
+            return mission(vehicle, CommandPlan(message, mavlink.MAV_CMD_MISSION_START, Group.MOTION, never))
         if isinstance(command, Hold | Pause):
             return self._mode(vehicle, self.hold_mode, holds)
         if isinstance(command, Offboard):
@@ -197,14 +199,14 @@ class ArduCopter(Autopilot):
         return self._mode(vehicle, FlightModeName.RETURN, is_down)
 
 
-def _takeoff(command: Takeoff, vehicle: Vehicle, now_ms: int) -> Plan:
+def _takeoff(command: Takeoff, vehicle: Vehicle, now_ms: int) -> CommandPlan:
     """NAV_TAKEOFF with the height above home, in GUIDED. In LOITER it would be accepted and not flown.
 
     In the air ArduCopter refuses it; entering GUIDED for it would only take the drone from its pilot.
     """
     if landed_state(vehicle, now_ms) not in (Landed.UNDEFINED, Landed.ON_GROUND):
         raise CannotExecute("in_air")
-    return Plan(
+    return CommandPlan(
         command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[0.0] * 6, command.altitude_m),
         mavlink.MAV_CMD_NAV_TAKEOFF,
         Group.MOTION,
@@ -214,6 +216,6 @@ def _takeoff(command: Takeoff, vehicle: Vehicle, now_ms: int) -> Plan:
     )
 
 
-def _goto(command: Goto, vehicle: Vehicle) -> Plan:
+def _goto(command: Goto, vehicle: Vehicle) -> CommandPlan:
     """DO_REPOSITION above home, into GUIDED; SET_POSITION_TARGET_GLOBAL_INT does the same without acknowledgement."""
     return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL, 0.0, FlightModeName.GUIDED)

@@ -12,7 +12,7 @@ from ...protocol.commands import Command
 from ...protocol.parameters import ParameterSet
 from ...protocol.plans import PlanItem
 from ...protocol.states import FlightModeName, Health
-from .plans import Effect, Group, Plan
+from .plans import CommandPlan, Effect, Group
 
 if TYPE_CHECKING:
     from .vehicle import Vehicle
@@ -73,13 +73,13 @@ class Autopilot(ABC):
         """Whether messages after number `after` show that it has ended a mission whose last item was reached."""
 
     @abstractmethod
-    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> CommandPlan:
         """The plan of a command. Raises CannotExecute if the autopilot's state forbids it.
 
         `stream` and `mavlink` are the same for all kinds, and are planned elsewhere.
         """
 
-    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> Plan:
+    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> CommandPlan:
         """The plan of a command that is a mode."""
         message = self.set_mode(vehicle, name)
-        return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name}))
+        return CommandPlan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name}))

@@ -13,7 +13,7 @@ from ...errors import ConfigurationError, TransportError
 from .frame_parser import Malformed
 from .link import AutopilotLink
 from .plans import AUTOPILOT_COMPONENT
-from .signing import Refused, Signing
+from .signing import NotTrusted, Signing
 from .stamps import Stamps
 from .transports import AutopilotAddress
 
@@ -92,7 +92,7 @@ class Installation:
         self._look(message)
 
     def _on_malformed(self, found: Malformed) -> None:
-        if isinstance(found, Refused):
+        if isinstance(found, NotTrusted):
             self._look(found.message)
 
     def _look(self, message: Any) -> None:
@@ -100,6 +100,6 @@ class Installation:
         if message.get_type() != "HEARTBEAT" or message.get_srcSystem() != self._drone:
             return
         verdict = self._new.judge(message, asyncio.get_running_loop().time())
-        if not isinstance(verdict, Refused) or verdict.is_stale:
+        if not isinstance(verdict, NotTrusted) or verdict.is_stale:
             self._heard.set()
             self._signs.set()

@@ -26,7 +26,7 @@ _BUSY = (mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_DENIED)
 Result = TypeVar("Result")
 
 
-class TransferFailed(Exception):
+class ExchangeFailed(Exception):
     """A list was not written or read; the text is part of the outcome's reason."""
 
 
@@ -44,7 +44,7 @@ class Step:
 
 
 Steps = Generator[Step, Any, Result]
-"""Steps of a transfer: each is sent its answer, or thrown TransferFailed if none arrived."""
+"""Steps of a transfer: each is sent its answer, or thrown ExchangeFailed if none arrived."""
 
 
 class Exchange:
@@ -56,7 +56,7 @@ class Exchange:
         self._sends = 0
         self._sent_ms = 0
         self.result: Any = None
-        self.error: TransferFailed | CannotExecute | None = None
+        self.error: ExchangeFailed | CannotExecute | None = None
         self.has_begun = False
         self.is_over = False
 
@@ -73,12 +73,12 @@ class Exchange:
         return self._go_on(message, now_ms)
 
     def tick(self, now_ms: int) -> list[Step]:
-        """Repeat the unanswered write; after the last one, throw TransferFailed into the steps."""
+        """Repeat the unanswered write; after the last one, throw ExchangeFailed into the steps."""
         step = self._step
         if step is None or now_ms < self._sent_ms + AGAIN_MS:
             return []
         if self._sends >= step.sends:
-            return self._go_on(TransferFailed("no_answer"), now_ms)
+            return self._go_on(ExchangeFailed("no_answer"), now_ms)
         self._sends, self._sent_ms = self._sends + 1, now_ms
         return [step]
 
@@ -92,7 +92,7 @@ class Exchange:
         out: list[Step] = []
         self._step = None
         try:
-            failed = isinstance(answer, TransferFailed)
+            failed = isinstance(answer, ExchangeFailed)
             step = self._steps.throw(answer) if failed else self._steps.send(answer)
             while step.answers is None:
                 out.append(step)
@@ -101,13 +101,13 @@ class Exchange:
             out.append(step)
         except StopIteration as end:
             self.result, self.is_over = end.value, True
-        except (TransferFailed, CannotExecute) as error:
+        except (ExchangeFailed, CannotExecute) as error:
             self.error, self.is_over = error, True
         return out
 
 
 def read(system: int, kind: PlanList, before: int = 0) -> Steps[tuple[PlanItem, ...]]:
-    """Read a list. Raises TransferFailed, also for a list that a plan cannot have.
+    """Read a list. Raises ExchangeFailed, also for a list that a plan cannot have.
 
     `before`: how many of the items precede those of the plan.
     """
@@ -115,7 +115,7 @@ def read(system: int, kind: PlanList, before: int = 0) -> Steps[tuple[PlanItem, 
     is_count = _is_one("MISSION_COUNT", kind)
     told = yield Step(mavlink.MAVLink_mission_request_list_message(*target, kind), is_count)
     if told.count > MOST_ITEMS + before:
-        raise TransferFailed(f"{kind.label}: expected at most {MOST_ITEMS} items, got {told.count}")
+        raise ExchangeFailed(f"{kind.label}: expected at most {MOST_ITEMS} items, got {told.count}")
     items = []
     for seq in range(told.count):
 
@@ -126,17 +126,17 @@ def read(system: int, kind: PlanList, before: int = 0) -> Steps[tuple[PlanItem, 
 
         found = yield Step(mavlink.MAVLink_mission_request_int_message(*target, seq, kind), is_item)
         if found.get_type() == "MISSION_ACK":
-            raise TransferFailed(f"{kind.label} item {seq + 1}: {result_name(found.type)}")
+            raise ExchangeFailed(f"{kind.label} item {seq + 1}: {result_name(found.type)}")
         item = item_of(found)
         if any(math.isinf(value) for value in (*item.params, item.z) if value is not None):
-            raise TransferFailed(f"{kind.label} item {seq + 1}: expected finite values")
+            raise ExchangeFailed(f"{kind.label} item {seq + 1}: expected finite values")
         items.append(item)
     yield Step(mavlink.MAVLink_mission_ack_message(*target, mavlink.MAV_MISSION_ACCEPTED, kind))
     return tuple(items)
 
 
 def write(system: int, kind: PlanList, items: tuple[PlanItem, ...], before: int = 0) -> Steps[None]:
-    """Replace a list. Raises TransferFailed, with the item that the autopilot refused.
+    """Replace a list. Raises ExchangeFailed, with the item that the autopilot refused.
 
     `before`: how many of the items precede those of the plan.
     """
@@ -155,7 +155,7 @@ def write(system: int, kind: PlanList, items: tuple[PlanItem, ...], before: int 
     while answer.get_type() != "MISSION_ACK":
         seq = answer.seq
         if seq >= len(items):
-            raise TransferFailed(f"{kind.label}: asked for item {seq + 1} of {len(items)}")
+            raise ExchangeFailed(f"{kind.label}: asked for item {seq + 1} of {len(items)}")
         what = f"{kind.label} item {seq + 1 - before}"
         answer = yield Step(message_of(items[seq], target, seq, kind), _asks_or_ends(kind))
     _check(answer, what)
@@ -223,4 +223,4 @@ def _asks_or_ends(kind: PlanList) -> Callable[[Any], bool]:
 
 def _check(answer: Any, what: str) -> None:
     if answer.type != mavlink.MAV_MISSION_ACCEPTED:
-        raise TransferFailed(f"{what}: {result_name(answer.type)}")
+        raise ExchangeFailed(f"{what}: {result_name(answer.type)}")

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from ...errors import PayloadError
 from ...protocol.names import NAME
 from ...protocol.parameters import MOST_PARAMETERS, Parameter, ParameterSet, ParameterType, expected
-from .mission_protocol import SENDS, Step, Steps, TransferFailed
+from .mission_protocol import SENDS, ExchangeFailed, Step, Steps
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
 HASH_CHECK = "_HASH_CHECK"
@@ -91,7 +91,7 @@ def is_value_of(name: str) -> Callable[[Any], bool]:
 
 
 def read(system: int, name: str, bytewise: bool, sends: int = SENDS) -> Steps[Parameter]:
-    """Read one parameter. Raises CannotExecute if it is unknown or not carried, TransferFailed without an answer."""
+    """Read one parameter. Raises CannotExecute if it is unknown or not carried, ExchangeFailed without an answer."""
     answer = yield Step(read_message(system, name), is_value_of(name), sends=sends)
     found = parameter_of(answer, bytewise) if answer.get_type() == "PARAM_VALUE" else None
     if found is None:
@@ -103,7 +103,7 @@ def has_hash(system: int, number: int) -> Steps[bool]:
     """Whether PX4 gives `number` as the hash of its parameters."""
     try:
         answer = yield Step(read_message(system, HASH_CHECK), is_value_of(HASH_CHECK), sends=FEW_SENDS)
-    except TransferFailed:
+    except ExchangeFailed:
         return False
     is_told = answer.get_type() == "PARAM_VALUE"
     return is_told and bool(struct.unpack("<I", _value_bytes(answer)) == (number,))
@@ -112,14 +112,14 @@ def has_hash(system: int, number: int) -> Steps[bool]:
 def assign(
     system: int, name: str, value: float, bytewise: bool, span: tuple[float, float] | None = None
 ) -> Steps[None]:
-    """Set a parameter and read it back. Raises CannotExecute before the write, TransferFailed after it; CannotExecute
+    """Set a parameter and read it back. Raises CannotExecute before the write, ExchangeFailed after it; CannotExecute
     also if the read-back has no usable value.
 
     `span` is the documented range, None if it is unknown.
     """
     try:
         before = yield from read(system, name, bytewise, FEW_SENDS)
-    except TransferFailed as error:
+    except ExchangeFailed as error:
         raise CannotExecute("unknown_parameter") from error
     try:
         wanted = Parameter(name, before.type, value)
@@ -129,20 +129,20 @@ def assign(
         return
     if span is not None and not span[0] <= value <= span[1]:
         raise CannotExecute(f"out_of_range, {span[0]:g} to {span[1]:g}")
-    with suppress(TransferFailed):  # an autopilot may refuse a value without an answer: the read-back shows it
+    with suppress(ExchangeFailed):  # an autopilot may refuse a value without an answer: the read-back shows it
         yield Step(set_message(system, wanted, bytewise), is_value_of(name), changes=True)
     for _ in range(READS):
         found = yield from read(system, name, bytewise)
         if found == wanted:
             return
-    raise TransferFailed(f"is {found}")
+    raise ExchangeFailed(f"is {found}")
 
 
 def _is_unknown(answer: Any) -> bool:
     return bool(answer.get_type() == "PARAM_ERROR" and answer.error == _NOT_THERE)
 
 
-class Reading:
+class SetReading:
     """One reading of an autopilot's whole set: the list, then missing parameters by index, until it is whole.
 
     Once it `is_over`, either `found` or `error`, the reason, is set. `total` is the autopilot's number of parameters.

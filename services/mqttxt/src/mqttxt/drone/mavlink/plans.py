@@ -43,7 +43,7 @@ class CannotExecute(Exception):
 
 
 @dataclass(frozen=True)
-class Plan:
+class CommandPlan:
     """A command as one MAVLink message, the modes in which it runs, and the proof of its effect.
 
     `first_mode`: the mode that the autopilot is put into before the message is sent, None if its mode is right.
@@ -70,7 +70,7 @@ def command_long(vehicle: Vehicle, command: int, *params: float) -> Any:
     return mavlink.MAVLink_command_long_message(vehicle.system_id, AUTOPILOT_COMPONENT, command, 0, *padded)
 
 
-def arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
+def arming(command: Arm | Disarm, vehicle: Vehicle) -> CommandPlan:
     """COMPONENT_ARM_DISARM, never forced."""
     wanted = isinstance(command, Arm)
 
@@ -78,7 +78,7 @@ def arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
         return seen.seen(Armed, after) == Armed(wanted)
 
     message = command_long(vehicle, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0 if wanted else 0.0)
-    return Plan(message, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, Group.ARMING, effect)
+    return CommandPlan(message, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, Group.ARMING, effect)
 
 
 def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
@@ -144,7 +144,7 @@ def arrived(command: Goto, target_m: float) -> Effect:
     return effect
 
 
-def reposition(command: Goto, vehicle: Vehicle, frame: int, yaw: float, mode: FlightModeName) -> Plan:
+def reposition(command: Goto, vehicle: Vehicle, frame: int, yaw: float, mode: FlightModeName) -> CommandPlan:
     """A goto as DO_REPOSITION, which also changes the mode to `mode`."""
     target_m = home_altitude_m(vehicle) + command.altitude_m
     message = mavlink.MAVLink_command_int_message(
@@ -163,7 +163,7 @@ def reposition(command: Goto, vehicle: Vehicle, frame: int, yaw: float, mode: Fl
         target_m,
     )
     effect = arrived(command, target_m)
-    return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, effect, frozenset({mode}))
+    return CommandPlan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, effect, frozenset({mode}))
 
 
 def never(vehicle: Vehicle, after: int) -> bool:
@@ -178,7 +178,7 @@ def holds(vehicle: Vehicle, after: int) -> bool:
     return vehicle.is_still(after) or vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
 
 
-def mission(vehicle: Vehicle, plan: Plan) -> Plan:
+def mission(vehicle: Vehicle, plan: CommandPlan) -> CommandPlan:
     """The plan of a mission's start, completed after the last item, and after the landing if that item lands."""
     lands = vehicle.mission.lands
 

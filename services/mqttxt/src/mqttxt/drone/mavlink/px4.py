@@ -32,8 +32,8 @@ from .autopilot import Autopilot
 from .plans import (
     ALTITUDE_NEAR_M,
     NAN,
+    CommandPlan,
     Group,
-    Plan,
     above,
     arming,
     check_pause,
@@ -159,7 +159,7 @@ class Px4(Autopilot):
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, *map(float, mode_numbers(name)))
 
-    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> CommandPlan:
         if isinstance(command, Arm):
             stays = vehicle.seen(Armed) == Armed(True) or _mode_of(vehicle) in _STAYS
             return replace(arming(command, vehicle), first_mode=None if stays else FlightModeName.HOLD)
@@ -171,7 +171,9 @@ class Px4(Autopilot):
             return _goto(command, vehicle)
         if isinstance(command, Land):
             message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
-            plan = Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
+            plan = CommandPlan(
+                message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND})
+            )
             return _ending_in_hold(plan)
         if isinstance(command, Pause):
             check_pause(vehicle)
@@ -201,7 +203,7 @@ class Px4(Autopilot):
     def has_ended(self, vehicle: Vehicle, after: int) -> bool:
         return vehicle.seen(FlightMode, after) == FlightMode(self.hold_mode)
 
-    def _hold(self, vehicle: Vehicle, now_ms: int) -> Plan:
+    def _hold(self, vehicle: Vehicle, now_ms: int) -> CommandPlan:
         """In the air, DO_REPOSITION to the current position: PX4 flies a goto in HOLD, which DO_SET_MODE does not stop.
 
         The same while armed without a fresh landed state: in recordings it did not lift a drone off the ground.
@@ -211,13 +213,13 @@ class Px4(Autopilot):
             return self._mode(vehicle, FlightModeName.HOLD, holds)
         change_mode = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
         message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, -1.0, change_mode, 0.0, NAN, NAN, NAN, NAN)
-        return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
+        return CommandPlan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
 
 
-def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
+def _takeoff(command: Takeoff, vehicle: Vehicle) -> CommandPlan:
     home_m = home_altitude_m(vehicle)
     target_m = home_m + command.altitude_m
-    return Plan(
+    return CommandPlan(
         command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, target_m),
         mavlink.MAV_CMD_NAV_TAKEOFF,
         Group.MOTION,
@@ -228,7 +230,7 @@ def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
     )
 
 
-def _ending_in_hold(plan: Plan) -> Plan:
+def _ending_in_hold(plan: CommandPlan) -> CommandPlan:
     """PX4 enters hold when it disarms after a landing, maybe before the landed state shows it (COM_DISARM_LAND)."""
     return replace(plan, passing=frozenset({FlightModeName.HOLD}), near=is_disarmed)
 
@@ -238,6 +240,6 @@ def _mode_of(vehicle: Vehicle) -> FlightModeName:
     return FlightModeName.UNKNOWN if told is None else told.mode
 
 
-def _goto(command: Goto, vehicle: Vehicle) -> Plan:
+def _goto(command: Goto, vehicle: Vehicle) -> CommandPlan:
     """In MAV_FRAME_GLOBAL_INT: some builds between PX4 1.16 and 1.17 refuse MAV_FRAME_GLOBAL."""
     return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL_INT, NAN, FlightModeName.HOLD)

@@ -23,7 +23,7 @@ from ...protocol.commands import (
     Stream,
     Takeoff,
 )
-from .plans import AUTOPILOT_COMPONENT, NAN, CannotExecute, Plan, never
+from .plans import AUTOPILOT_COMPONENT, NAN, CannotExecute, CommandPlan, never
 from .vehicle import Vehicle
 
 MAV_CMDS: dict[int, str] = {
@@ -143,7 +143,7 @@ class Limits:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> Plan:
+def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> CommandPlan:
     """The plan of an unchanged MAV_CMD. Raises CannotExecute if it must not be sent."""
     number = command.mav_cmd
     if number not in MAV_CMDS:
@@ -160,7 +160,7 @@ def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> Plan:
         raise CannotExecute("null_param")
     params: list[Any] = [NAN if param is None else param for param in command.params]
     message = mavlink.MAVLink_command_long_message(vehicle.system_id, component, number, 0, *params)
-    return Plan(message, number, None, never, is_said_once=True)
+    return CommandPlan(message, number, None, never, is_said_once=True)
 
 
 def _typed(command: Mavlink) -> str:

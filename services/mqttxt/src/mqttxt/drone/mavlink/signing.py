@@ -29,7 +29,7 @@ _NOT_ONE: Final = "expected 64 hexadecimal digits (`mqttxt keys mavlink` makes s
 
 
 @dataclass(frozen=True)
-class Refused(Malformed):
+class NotTrusted(Malformed):
     """A message that is not trusted. `is_stale`: only its time stamp is wrong, so the sender has the key."""
 
     message: Any = None
@@ -85,25 +85,25 @@ class Signing:
         return stamp is not None
 
     def judge(self, message: Any, now_s: float) -> Any:
-        """The message, or Refused with the reason."""
+        """The message, or NotTrusted with the reason."""
         if not is_signed(message):
-            return Refused("mavlink_unsigned", f"a {message.get_type()} without a signature", message)
+            return NotTrusted("mavlink_unsigned", f"a {message.get_type()} without a signature", message)
         frame = bytes(message.get_msgbuf())
         computed = hashlib.sha256(self._key + frame[:-_SIGNATURE_BYTES]).digest()[:_SIGNATURE_BYTES]
         if not hmac.compare_digest(computed, frame[-_SIGNATURE_BYTES:]):
-            return Refused("mavlink_other_key", f"a {message.get_type()} that is signed with another key", message)
+            return NotTrusted("mavlink_other_key", f"a {message.get_type()} that is signed with another key", message)
         return self._in_time(message, frame[:-_SIGNATURE_BYTES], now_s)
 
     def _in_time(self, message: Any, signed: bytes, now_s: float) -> Any:
-        """The correctly signed message, or Refused if it is old or from another than the current link."""
+        """The correctly signed message, or NotTrusted if it is old or from another than the current link."""
         stamp, link_id = int.from_bytes(signed[-_STAMP_BYTES:], "little"), signed[-_STAMP_BYTES - 1]
         source = message.get_srcSystem(), message.get_srcComponent()
         newest = self._newest.get((*source, link_id))
         if (newest is None and stamp + _OLDEST_START < self.stamps.now()) or (newest is not None and stamp <= newest):
-            return Refused("mavlink_old", f"a {message.get_type()} whose time stamp is old", message, is_stale=True)
+            return NotTrusted("mavlink_old", f"a {message.get_type()} whose time stamp is old", message, is_stale=True)
         coming, came_s = self._coming.get(source, (link_id, now_s))
         if coming != link_id and now_s - came_s <= HEARTBEAT_LOST_MS / 1000:
-            return Refused("mavlink_other_link", f"a {message.get_type()} that was signed for another link", message)
+            return NotTrusted("mavlink_other_link", f"a {message.get_type()} that was signed for another link", message)
         self._newest[(*source, link_id)] = stamp
         self._coming[source] = link_id, now_s
         self.stamps.adopt(stamp)

@@ -11,8 +11,10 @@ _GCS_SYSTEM = 255
 
 
 class Source(Enum):
-    """COMPANION is the UAV client itself. Hold and pause are written by a HALT component that no other open command
-    uses: COMMAND_ACK names the component that it answers, and so the command. GCS sends a ground station's heartbeat.
+    """COMPANION is the UAV client itself. GCS sends a ground station's heartbeat.
+
+    A HALT component writes each hold and pause, and a land, return or disarm whose number is not free: COMMAND_ACK
+    names the component that it answers, and so the command.
     """
 
     COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER

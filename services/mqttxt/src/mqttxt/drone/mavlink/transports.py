@@ -18,7 +18,7 @@ from ...core.address import is_host, whole_number
 from ...errors import ConfigurationError
 from .autopilots import is_autopilots, kind_of
 from .frame_parser import NO_FRAME, Malformed, StreamFrames, in_datagram
-from .signing import Refused
+from .signing import NotTrusted
 from .vehicle import HEARTBEAT_LOST_MS
 
 logger = logging.getLogger("mqttxt.mavlink")
@@ -130,7 +130,9 @@ class Udp(Transport):
             if sender != self._peer:
                 logger.info("the autopilot is at %s:%d", *sender)
             self._peer, self._peer_heard_s, self._behind = sender, now_s, None
-        elif any(isinstance(each, Refused) and each.is_stale and self._is_heartbeat(each.message) for each in messages):
+        elif any(
+            isinstance(each, NotTrusted) and each.is_stale and self._is_heartbeat(each.message) for each in messages
+        ):
             self._behind = sender
         return Read(messages)
 

@@ -11,7 +11,7 @@ from typing import Final
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded
-from ..protocol.commands import Command, Hold, Resume, StartMission, Stream, Takeoff
+from ..protocol.commands import Command, Hold, Resume, StartMission, Stream
 from ..protocol.messages import Word
 from ..protocol.states import Severity
 from ..station.outcomes import Outcome
@@ -61,7 +61,7 @@ def is_quiet(request: Request, command: Command) -> bool:
 
 
 @dataclass
-class Entry:
+class ClientCommand:
     """A command of a client; `result` is None until the final acknowledgement, for which it `waits`.
 
     `place`: its number among all commands, in the order in which clients sent them. `confirmation`: that of the first
@@ -150,26 +150,8 @@ class Entry:
         acknowledge(self.client, self.drone, self.request, result, percent)
 
 
-@dataclass(frozen=True)
-class KeptTakeoff:
-    """A takeoff that arrived before its arm."""
-
-    client: Client
-    command: Takeoff
-    until_ms: int
-
-
-@dataclass
-class Arming:
-    """The newest arm of a drone, also after its end. `completed_ms`: when it was completed, None if it was not."""
-
-    client: Client
-    is_over: asyncio.Event
-    completed_ms: int | None = None
-
-
 @contextlib.contextmanager
-def declining(entry: Entry, now_ms: Callable[[], int]) -> Iterator[None]:
+def declining(entry: ClientCommand, now_ms: Callable[[], int]) -> Iterator[None]:
     """Answer an error that prevents sending by a definite no; where the station ends the outcome is not known."""
     try:
         yield
