@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mqttxt.drone.mavlink.sources import Source
-from mqttxt.protocol.commands import Arm, Goto, Hold, Offboard, Return, Velocity
+from mqttxt.protocol.commands import Arm, Goto, Hold, Offboard, Return, StartMission, Velocity
 from mqttxt.protocol.messages import Word
 from tests.simulation.workbench import ARM, MODE, REPOSITION, Bench, said, set_points, written
 from tests.simulation.world import ack, heartbeat, home, landed, position
@@ -19,6 +19,11 @@ RETURNING = {"main": 4, "sub": 5}
 
 def flying() -> Bench:
     return Bench(heartbeat(armed=True), home(), position(10.0), landed(AIR))
+
+
+def has_plan(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mission's start, unlike a return, waits for its number."""
+    monkeypatch.setattr(bench.executor.plans, "preparing", lambda *_: None)
 
 
 @pytest.mark.parametrize(
@@ -41,22 +46,33 @@ def test_a_second_acceptance_says_nothing_new() -> None:
     assert written(bench.start(2, Return())) == [MODE]
 
 
-def test_the_second_acknowledgement_is_not_taken_for_the_next_commands() -> None:
+def test_the_second_acknowledgement_is_not_taken_for_the_next_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = flying()
     bench.start(1, Return())
     bench.hear(ack(MODE))
-    assert written(bench.start(2, Return())) == []
+    has_plan(bench, monkeypatch)
+    assert written(bench.start(2, StartMission(bytes(16)))) == []
     assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
     assert written(bench.until(100)) == [MODE]
     assert said(bench.hear(ack(MODE))) == [(2, Word.ACCEPTED, None)]
 
 
-def test_an_autopilot_that_answers_once_bars_its_number_for_a_moment() -> None:
+def test_the_second_acknowledgement_is_not_that_of_a_return_which_does_not_wait_for_it() -> None:
+    bench = flying()
+    bench.start(1, Return())
+    bench.hear(ack(MODE))
+    assert written(bench.start(2, Return())) == [MODE]
+    assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
+    assert said(bench.hear(ack(MODE, source=Source.HALT)))[0] == (2, Word.ACCEPTED, None)
+
+
+def test_an_autopilot_that_answers_once_bars_its_number_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
     """PX4 1.15."""
     bench = flying()
     bench.start(1, Return())
     bench.hear(ack(MODE))
-    bench.start(2, Return())
+    has_plan(bench, monkeypatch)
+    bench.start(2, StartMission(bytes(16)))
     assert written(bench.until(200)) == []
     assert written(bench.until(300)) == [MODE]
     assert said(bench.hear(ack(MODE)))[0] == (2, Word.ACCEPTED, None)
@@ -100,12 +116,13 @@ def test_an_offboard_command_that_is_refused_ends_its_set_points() -> None:
     assert (set_points(out), written(out)) == ([], [])
 
 
-def test_the_second_answer_to_a_hold_of_our_own_is_not_the_next_commands() -> None:
-    """The end of a flight by set-points, and a return at once."""
+def test_the_second_answer_to_a_hold_of_our_own_is_not_the_next_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The end of a flight by set-points, and a mission at once."""
     flight = Flight().engage()
     flight.fly_until(10_500)
     flight.hear(ack(MODE), heartbeat(armed=True))
-    assert written(flight.start(2, Return())) == []
+    has_plan(flight, monkeypatch)
+    assert written(flight.start(2, StartMission(bytes(16)))) == []
     assert flight.hear(ack(MODE)) == []
     assert written(flight.until(flight.now_ms + 100)) == [MODE]
 
