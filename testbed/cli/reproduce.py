@@ -12,6 +12,7 @@ from rich.console import Console
 from ..errors import DockerError, Interrupted, ResultsError
 from ..fly.campaign.run import fly_all
 from ..fly.flights import settings_of
+from ..fly.manifest import revision
 from ..fly.only_run import only_run
 from ..fly.progress import ConsoleProgress
 from ..fly.results import Series
@@ -47,6 +48,8 @@ def reproduce(
         _fly(headline, root, console, f"to go on, type: {_typed(attempts, seed)}")
     flown = _judged(headline, root)
     print_reproduction(headline, flown, console)
+    for said in _of_others(flown):
+        console.print(said, markup=False, soft_wrap=True)
     for path in write_reproduction(headline, flown, root):
         console.print(f"{path.suffix[1:]}: {shown_path(path)}", markup=False, soft_wrap=True)
     if verdict(flown) != REPRODUCED:
@@ -81,6 +84,17 @@ def _judged(headline: Headline, root: Path) -> list[Flown]:
             raise ResultsError(f"{shown_path(root)}: {cell.name}: expected a measured series; fly it without --no-fly")
         found.append(flown_of(cell, measured[name].series, measured[name].metrics, headline.seed))
     return found
+
+
+def _of_others(flown: list[Flown]) -> list[str]:
+    """A line for each cell that was flown at another revision than is here: a finished series is not flown again."""
+    here = revision()["commit"]
+    cells = {one.cell.name: one.metrics["revision"] for one in flown}
+    return [
+        f"{name}: flown at {at[:12]}, not at {here[:12]}, which is here; another folder in --results flies it anew"
+        for name, at in cells.items()
+        if here is not None and at is not None and at != here
+    ]
 
 
 def _typed(attempts: str, seed: str) -> str:

@@ -49,9 +49,10 @@ def observe(
     reader = _Reader(attempt)
     off = reader.read(off_links or (lambda: _shapers_word(attempt))) or ()
     flights = reader.read(lambda: _flights(attempt, failure)) or ()
-    if failure is not None:
-        return Observed(failure, off_links=off, flights=flights)
     counts = reader.read(attempt.captures)
+    dropped = {count["node"]: count["dropped"] for count in counts or () if count["dropped"] != 0}
+    if failure is not None:
+        return Observed(failure, off_links=off, flights=flights, dropped=dropped)
     events = reader.read(attempt.events)
     logs = reader.read(attempt.autopilot_events)
     set_back = reader.read(lambda: _set_back(attempt, events or [], logs or {}))
@@ -59,7 +60,7 @@ def observe(
         off_links=off,
         flights=flights,
         uncaptured=uncaptured(attempt, manifest) if counts is not None else (),
-        dropped={count["node"]: count["dropped"] for count in counts or () if count["dropped"] != 0},
+        dropped=dropped,
         has_end=events is None or any(event["event"] == "mission_end" for event in events),
         silent=_silent(events or [], logs) if logs is not None else (),
         set_back=set_back,

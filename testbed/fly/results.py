@@ -62,6 +62,15 @@ class Attempt:
         return Topology(nodes, links)
 
     @property
+    def is_readable(self) -> bool:
+        """Whether its manifest can be read."""
+        try:
+            self.manifest()
+        except ResultsError:
+            return False
+        return True
+
+    @property
     def key_log(self) -> Path:
         """The log of the session keys that decrypt its captures, if its fleet flew encrypted."""
         return self.path / KEY_LOG
@@ -102,6 +111,10 @@ class Series:
             (attempt for attempt in found if attempt is not None),
             key=lambda attempt: (attempt.protocol, attempt.number, attempt.repeat),
         )
+
+    def readable(self) -> list[Attempt]:
+        """The attempts whose manifests can be read; all others are void, and `metrics.json` says why."""
+        return [attempt for attempt in self.attempts() if attempt.is_readable]
 
 
 def attempt_of(path: Path) -> Attempt | None:
@@ -182,11 +195,17 @@ def open_series(path: Path) -> Series:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Write a file completely or not at all. Raises OSError that names the file."""
-    fresh = path.with_name(f".{path.name}.new")
+    """Write a document as `write_text` does."""
+    write_text(path, json.dumps(document, indent=1, sort_keys=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, or the one that a link points to, completely or not at all. Raises OSError that names it."""
+    target = path.resolve()
+    fresh = target.with_name(f".{target.name}.new")
     try:
-        fresh.write_text(json.dumps(document, indent=1, sort_keys=False) + "\n", encoding="utf-8")
-        fresh.replace(path)
+        fresh.write_text(text, encoding="utf-8")
+        fresh.replace(target)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
 

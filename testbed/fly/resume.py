@@ -17,7 +17,7 @@ from .links import plan_links
 from .manifest import configuration_of, machine_name, revision
 from .results import LINKS, LINKS_PLAN, METRICS, Attempt, Series, read_json, write_json
 from .runner import MOST_REPEATS, Begun, write_paired
-from .validity import CUT_OFF, NOT_ENDED, Verdict, as_measured, written
+from .validity import CUT_OFF, NOT_ENDED, VOID, Verdict, as_measured, written
 
 _LAST_REPEAT = 9
 """A repeat's folder has one digit."""
@@ -122,6 +122,8 @@ def otherwise(series: Series, plan: Plan) -> str | None:
             return "it was flown on another machine"
         if manifest["configuration"] != configurations.get(attempt.protocol, manifest["configuration"]):
             return "it was configured otherwise"
+        if manifest.get("seeds", {}).get("order") != plan.order_seed:
+            return "who flies first was drawn from another seed"
         if not _same_links(attempt, plan):
             return "its links were planned otherwise"
     return None
@@ -137,10 +139,19 @@ def settle(series: Series, plan: Plan) -> None:
         for _, attempts in _repeats(series, plan, number):
             endings = {attempt: _ending(attempt, made_void) for attempt in attempts}
             for attempt, ended in endings.items():
-                path = attempt.path / "manifest.json"
-                if ended is None and path.exists():
-                    write_json(path, read_json(path) | NOT_ENDED.to_data())
+                if ended is None:
+                    _mark_cut(attempt)
             write_paired({attempt: ended or NOT_ENDED for attempt, ended in endings.items()})
+
+
+def _mark_cut(attempt: Attempt) -> None:
+    """Mark a cut-off attempt as void, unless its manifest says so; one that cannot be read is void as it is."""
+    try:
+        found = attempt.manifest()
+    except ResultsError:
+        return
+    if found["status"] != VOID:
+        write_json(attempt.path / "manifest.json", found | NOT_ENDED.to_data())
 
 
 def is_measured(series: Series) -> bool:
@@ -173,13 +184,13 @@ def _ending(attempt: Attempt, made_void: dict[tuple[str, int, int], Verdict]) ->
         verdict = written(attempt.manifest())
     except ResultsError:
         return None
-    if verdict.was_cut and not verdict.is_void:
+    if verdict.was_cut:
         return None
     return made_void.get((attempt.protocol, attempt.number, attempt.repeat), verdict)
 
 
 def _was_cut(endings: dict[Attempt, Verdict | None]) -> bool:
-    return any(ended is None or ended.was_cut for ended in endings.values())
+    return any(ended is None for ended in endings.values())
 
 
 def _made_void(series: Series) -> dict[tuple[str, int, int], Verdict]:

@@ -30,7 +30,7 @@ from .observations import observe
 from .page_process import page_beside
 from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
 from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
-from .validity import INTERRUPTED, Observed, Verdict, judge, paired
+from .validity import INTERRUPTED, Observed, Verdict, cut_off, judge, paired
 
 COMPLETED_CODE, FAILED_CODE, BAD_INPUT = 0, 1, 2
 """Exit codes of the mission's process."""
@@ -156,10 +156,11 @@ def _fly(
         raise
     except (LinksOff, ProbesLate) as error:
         off_before = str(error)
-    except (TestbedError, OSError) as error:
+    except FleetError as error:
         failure = str(error)
-        fleets_own = isinstance(error, FleetError)
-        if not (fleets_own or (isinstance(error, DockerError) and attempt.was_flown)):
+    except (TestbedError, OSError) as error:
+        failure = cut_off(error)
+        if not (isinstance(error, DockerError) and attempt.was_flown):
             raise
     finally:
         manifest["captures"] = attempt.captures()

@@ -18,6 +18,7 @@ RUNNING = "running"
 """A manifest's status until its attempt is judged."""
 WATCHED = "the live page showed it (PAGE=1): a station that watches opens the gates of its fogs"
 CUT_OFF, INTERRUPTED = "the run was cut off", "interrupted"
+"""Failures of the run, not of its fleet; behind CUT_OFF and a colon may be what cut it off."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Verdict:
     @property
     def was_cut(self) -> bool:
         """Whether the run ended before the attempt did: it is flown again, without counting as a repeat."""
-        return self.status != COMPLETED and self.reasons in ((CUT_OFF,), (INTERRUPTED,))
+        return self.status != COMPLETED and len(self.reasons) == 1 and _is_cut(self.reasons[0])
 
     def to_data(self) -> dict[str, Any]:
         """The entries in a manifest."""
@@ -88,11 +89,17 @@ NOT_ENDED = Verdict(VOID, (CUT_OFF,))
 """The verdict of an attempt that was cut off, once its series goes on without it."""
 
 
+def cut_off(by: Exception) -> str:
+    """The failure of an attempt that something else than its fleet cut off: Docker, a full disk, a wrong option."""
+    return f"{CUT_OFF}: {by}"
+
+
 def written(manifest: Mapping[str, Any]) -> Verdict:
-    """The verdict in a manifest; failed, cut off, for a manifest that its run did not complete."""
+    """The verdict in a manifest; void for one that its run did not complete, or says that it was cut off."""
     if manifest["status"] == RUNNING:
-        return Verdict(FAILED, (CUT_OFF,))
-    return Verdict(manifest["status"], () if manifest["reason"] is None else (manifest["reason"],))
+        return NOT_ENDED
+    found = Verdict(manifest["status"], () if manifest["reason"] is None else (manifest["reason"],))
+    return Verdict(VOID, found.reasons) if found.was_cut else found
 
 
 def as_measured(void: Mapping[str, Any]) -> Verdict:
@@ -108,23 +115,22 @@ def unread(reason: str) -> Verdict:
 def judge(seen: Observed) -> Verdict:
     """The verdict of a flight.
 
-    Links that are not as planned, autopilots that were slowed down, and a live page, which adds traffic, make any
-    attempt void: if its mission failed, they may be the cause. All else that its numbers lack makes only a completed
-    attempt void: a failed one stays in the tables with the numbers that it has.
+    Links that are not as planned, autopilots that were slowed down, captures that dropped packets, and a live page,
+    which adds traffic, make any attempt void: if its mission failed, they or the busy machine may be the cause. Were
+    dropped packets to void only completed attempts, whichever side has more packets would seem to fail more often. All
+    else that its numbers lack makes only a completed attempt void: a failed one stays in the tables with the numbers
+    that it has. An attempt that was cut off speaks for or against nobody.
     """
     if seen.off_before is not None:
         return Verdict(VOID, (seen.off_before,))
     if seen.watched:
         return Verdict(VOID, (WATCHED,), seen.failure)
-    conditions = (*seen.off_links, *seen.flights)
+    conditions = (*_of_dropped(seen), *seen.off_links, *seen.flights)
     if seen.failure is not None:
-        was_ended = seen.failure in (CUT_OFF, INTERRUPTED)
-        return (
-            Verdict(VOID, conditions, seen.failure)
-            if conditions and not was_ended
-            else Verdict(FAILED, (seen.failure,))
-        )
-    reasons = (*_of_captures(seen), *conditions, *_of_events(seen), *seen.unreadable)
+        if _is_cut(seen.failure):
+            return Verdict(VOID, (seen.failure,))
+        return Verdict(VOID, conditions, seen.failure) if conditions else Verdict(FAILED, (seen.failure,))
+    reasons = (*_of_uncaptured(seen), *conditions, *_of_events(seen), *seen.unreadable)
     return Verdict(VOID, reasons) if reasons else Verdict(COMPLETED)
 
 
@@ -149,12 +155,17 @@ def _are_paired(one: Attempt, other: Attempt) -> bool:
     return (one.number, one.repeat) == (other.number, other.repeat) and one.protocol != other.protocol
 
 
-def _of_captures(seen: Observed) -> list[str]:
+def _is_cut(failure: str) -> bool:
+    return failure in (CUT_OFF, INTERRUPTED) or failure.startswith(f"{CUT_OFF}: ")
+
+
+def _of_uncaptured(seen: Observed) -> list[str]:
+    return [f"no capture at {', '.join(seen.uncaptured)}"] if seen.uncaptured else []
+
+
+def _of_dropped(seen: Observed) -> list[str]:
     dropped = [f"{node} {'?' if count is None else count}" for node, count in seen.dropped.items()]
-    return [
-        *([f"no capture at {', '.join(seen.uncaptured)}"] if seen.uncaptured else []),
-        *([f"captures dropped packets: {', '.join(dropped)}"] if dropped else []),
-    ]
+    return [f"captures dropped packets: {', '.join(dropped)}"] if dropped else []
 
 
 def _of_events(seen: Observed) -> list[str]:

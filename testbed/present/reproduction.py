@@ -12,7 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from ..fly.results import REPORT, Series, write_json
+from ..fly.results import REPORT, Series, write_json, write_text
 from ..numbers import words
 from ..numbers.observed import observe
 from ..numbers.reproduction import Judged, judge, verdict_of
@@ -127,7 +127,8 @@ def write_reproduction(headline: Headline, flown: Sequence[Flown], folder: Path)
     document, page = folder / DOCUMENT, folder / PAGE
     write_json(document, to_data(headline, flown))
     figure = margins([(one.cell.name, short_name_of(judged), judged) for one in flown for judged in one.judged])
-    page.write_text(
+    write_text(
+        page,
         environment()
         .get_template("reproduction.html")
         .render(
@@ -142,7 +143,6 @@ def write_reproduction(headline: Headline, flown: Sequence[Flown], folder: Path)
             figure=figure,
             beside=page.stem,
         ),
-        encoding="utf-8",
     )
     page.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
     page.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))

@@ -128,7 +128,7 @@ def test_ctrl_c_ends_all_containers_and_keeps_what_was_captured(tmp_path: Path) 
     (pcap,) = (tmp_path / "results").glob("scenario-1/thesis-ideal/*/mqttxt/attempt-01/pcap/gs.pcap")
     assert pcap.stat().st_size > 1000
     manifest = json.loads((pcap.parents[1] / "manifest.json").read_text())
-    assert (manifest["status"], manifest["reason"]) == ("failed", "interrupted")
+    assert (manifest["status"], manifest["reason"]) == ("void", "interrupted")
 
 
 @ENDING_BADLY

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from ...fly.results import Attempt, read_json, read_json_lines
+from ...fly.results import Attempt
 from ...plan.topology import place_of_link
 from ..packets import Packets, load
 from .readings import Measured, readings_of
+from .shaping import read_shaping
 
 SECOND_NS = 1_000_000_000
 
@@ -62,8 +63,4 @@ def per_link(packets: Packets, start_ns: int, seconds: float, counted_from_ns: i
 
 def _losses_counted_from_ns(attempt: Attempt) -> int:
     """When the links' clock began, if the shaper recorded its counts until then (mostly probes); else 0."""
-    counters = attempt.path / "links" / "counters.json"
-    if not counters.exists() or not read_json(counters).get("at_start"):
-        return 0
-    events = read_json_lines(attempt.path / "links" / "events.jsonl", frozenset({"t_ns"}))
-    return next((int(event["t_ns"]) for event in events if event.get("event") == "start"), 0)
+    return read_shaping(attempt).start_ns or 0

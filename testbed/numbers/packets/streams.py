@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 SYN = 0x02
 
@@ -55,25 +56,37 @@ class Run:
         return self.origin + len(self.data)
 
     def row_of(self, place: int) -> int:
-        """The frame that first carried a byte."""
-        return self.pieces[bisect_right(self.begins, place) - 1].row
+        """The frame that first carried a byte, which need not be its piece: a sender may repeat several segments as
+        one, which begins in front of the later ones."""
+        return min(self._rows_of(place))
 
     def copies_of(self, place: int) -> int:
         """How many frames carried a byte."""
-        return 1 + len(self._copies_with(place, place + 1))
+        return len(self._rows_of(place))
+
+    def _rows_of(self, place: int) -> set[int]:
+        piece = self.pieces[bisect_right(self.begins, place) - 1]
+        return {segment.row for segment in (piece, *self._copies_with(place, place + 1))}
 
     def left_ns(self, start: int, end: int) -> int | None:
         """When the first copies of all bytes from `start` to `end` had left the link; None if a byte never did."""
         latest = 0
-        for number in range(bisect_right(self.begins, start) - 1, bisect_left(self.begins, end)):
-            low = max(start, self.begins[number])
-            high = min(end, self.begins[number + 1] if number + 1 < len(self.begins) else end)
-            carriers = [self.pieces[number], *self._copies_with(low, high)]
+        for low, high in pairwise(self._edges(start, end)):
+            piece = self.pieces[bisect_right(self.begins, low) - 1]
+            carriers = [piece, *self._copies_with(low, high)]
             times = [carrier.left_ns for carrier in carriers if carrier.left_ns is not None]
             if not times:
                 return None
             latest = max(latest, min(times))
         return latest
+
+    def _edges(self, start: int, end: int) -> list[int]:
+        """The range's ends, and the places between them where the frames that carried a byte change."""
+        numbers = range(bisect_left(self.copy_begins, start - self.longest_copy), bisect_left(self.copy_begins, end))
+        copies = [(self.copy_begins[n], self.copy_begins[n] + len(self.copies[n].body)) for n in numbers]
+        begins = self.begins[bisect_right(self.begins, start) : bisect_left(self.begins, end)]
+        within = {place for ends in copies for place in ends if start < place < end}
+        return sorted({start, end, *begins, *within})
 
     def _copies_with(self, start: int, end: int) -> list[Segment]:
         since = bisect_left(self.copy_begins, end - self.longest_copy)

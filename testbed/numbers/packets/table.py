@@ -17,7 +17,7 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | `tls` | i64 | bytes of TLS: what its records add to their data, and handshakes |
 | `protocol_bytes` | i64 | framing of MQTT or MAVLink |
 | `payload` | i64 | the rest: payloads of PUBLISHes and of MAVLink messages; the content of other protocols |
-| `protocol` | categorical | mqtt (in TLS too), mavlink, tcp, udp, icmp, igmp or other |
+| `protocol` | categorical | mqtt (in TLS too), mqttsn, mavlink, tcp, udp, icmp, igmp or other |
 | `flow` | categorical | `uav1:14540>fog1:14541`; without ports where there are none |
 | `messages` | i64 | how many messages begin in it; 0 for a bare TCP acknowledgement |
 | `kind` | categorical or null | the first of them |
@@ -64,7 +64,7 @@ from ...fly.results import Attempt
 from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
-VERSION = 8
+VERSION = 9
 """Raised with every change of a column's meaning or of how it is computed."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"

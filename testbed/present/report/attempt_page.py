@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ...errors import ResultsError
 from ...fly.results import Attempt, Series, read_json
 from ...numbers.attempt_entry import AttemptEntry
 from ...numbers.metrics.detail import detail_of
@@ -31,7 +32,7 @@ def page_of(series: Series, attempt: Attempt, metrics: Metrics, repeat: int = 0)
     void = voids[repeat] if repeat < len(voids) else None
     counted = (entry for entry in side["attempts"] if entry["attempt"] == attempt.number)
     measured = next(counted, None) if void is None else None
-    events = attempt.events()
+    events = _events(attempt)
     captures = manifest.get("captures", [])
     seen, own = None, None
     flies = not is_message_set(metrics)  # in the message set the drone is moved to where each call starts
@@ -64,6 +65,14 @@ def page_of(series: Series, attempt: Attempt, metrics: Metrics, repeat: int = 0)
     }
 
 
+def _events(attempt: Attempt) -> list[dict[str, Any]]:
+    """The mission's events; none where they cannot be read, for which the attempt is void or has no numbers."""
+    try:
+        return attempt.events()
+    except ResultsError:
+        return []
+
+
 def seen_of(page: dict[str, Any]) -> Seen:
     """The data for figures of the attempt that is shown in detail."""
     attempt: Attempt = page["attempt"]
@@ -92,8 +101,11 @@ def with_losses(attempt: Attempt, measured: AttemptEntry) -> AttemptEntry:
 
 
 def _object(path: Path) -> dict[str, Any]:
-    """A file's JSON object; empty without the file."""
-    return read_json(path) if path.exists() else {}
+    """A file's JSON object; empty without the file, and for a damaged one, which `metrics.json` names."""
+    try:
+        return read_json(path)
+    except ResultsError:
+        return {}
 
 
 def flown_at(attempts: list[dict[str, Any]]) -> str:

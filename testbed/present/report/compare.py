@@ -32,8 +32,8 @@ class Result:
 
 
 def result_of(name: str, series: Series, metrics: Metrics) -> Result:
-    """Read the manifests of a series. Raises ResultsError if one cannot be read."""
-    return Result(name, series, metrics, tuple(attempt.manifest() for attempt in series.attempts()))
+    """Read the manifests of a series, as far as they can be read."""
+    return Result(name, series, metrics, tuple(attempt.manifest() for attempt in series.readable()))
 
 
 @dataclass(frozen=True)

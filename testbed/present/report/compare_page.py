@@ -9,7 +9,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from ...fly.results import REPORT
+from ...fly.results import REPORT, write_text
 from ...numbers import words
 from ...plan import wording
 from . import compare
@@ -73,7 +73,7 @@ def write_comparison(first: Result, second: Result, target: Path) -> None:
             beside=target.stem,
         )
     )
-    target.write_text(page, encoding="utf-8")
+    write_text(target, page)
     if figure is not None:
         target.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
         target.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))

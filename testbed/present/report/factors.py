@@ -62,7 +62,11 @@ def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str
     if one_drone and streams and states:
         said.append(_MESSAGES_BESIDE if streams == "five-states" else _STREAMS_BESIDE)
     elif streams == "five-states" and states in ("fixed", "bundle"):
-        said.append("Both sides carry the same five states once a second: packets and bytes compare the same content.")
+        waits = " MQTT-XT's wait up to a second for their bundle, MAVLink's leave at once."
+        said.append(
+            "Both sides carry the same five states once a second: packets and bytes compare the same content."
+            + (waits if states == "bundle" else "")
+        )
     elif streams and states:
         said.append(
             "The sides do not carry the same content: MAVLink brings whole streams at set rates, MQTT-XT what its "

@@ -9,7 +9,7 @@ from typing import Any
 
 import jinja2
 
-from ...fly.results import REPORT, Series
+from ...fly.results import REPORT, Series, write_text
 from ...numbers import words
 from ...numbers.quantities import OF_ATTEMPT
 from ...numbers.written import Metrics
@@ -44,7 +44,8 @@ def write_report(series: Series, metrics: Metrics, papers: bool = False) -> Path
     attempts = []
     for attempt in series.attempts():
         name = attempt.protocol, attempt.number
-        attempts.append(attempt_page.page_of(series, attempt, metrics, flown[name]))
+        if attempt.is_readable:
+            attempts.append(attempt_page.page_of(series, attempt, metrics, flown[name]))
         flown[name] += 1
     order = [protocol for protocol, _ in words.sides(metrics)]
     attempts.sort(key=lambda one: (order.index(one["protocol"]), one["number"]))
@@ -89,7 +90,7 @@ def write_report(series: Series, metrics: Metrics, papers: bool = False) -> Path
     )
     write_files(series.path / FOLDER, figures, papers)
     target = series.path / REPORT
-    target.write_text(page, encoding="utf-8")
+    write_text(target, page)
     return target
 
 
@@ -110,7 +111,7 @@ def environment() -> jinja2.Environment:
 
 
 def _links(series: Series) -> list[tuple[str, str, str]]:
-    topology = series.attempts()[0].topology()
+    topology = series.readable()[0].topology()
     return [(link.name, link.lower, link.upper) for link in topology.links]
 
 

@@ -213,7 +213,7 @@ def _flown(series: Series, metrics: Metrics) -> list[Text]:
     """A line per side on how it was flown; then what that means for the comparison."""
     configuration: dict[str, Any] = {}
     one_drone = message_set.is_message_set(metrics)
-    for attempt in series.attempts():
+    for attempt in series.readable():
         configuration = {**attempt.manifest()["configuration"], **configuration}
     lines = []
     for protocol, _ in words.sides(metrics):

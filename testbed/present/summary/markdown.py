@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import UserError
+from ...fly.results import write_text
 from ...plan import wording
 from ...plan.experiments import EXPERIMENTS
 from ...plan.profiles.reading import profile_names
@@ -52,7 +53,7 @@ def fill(document: Path, cells: Iterable[Cell]) -> list[str]:
         example = f"<!-- summary:numbers:{EXPERIMENTS[0]} --> and <!-- /summary -->"
         raise UserError(f"{document}: expected tables' markers in it, as {example}; tables: {', '.join(KINDS)}")
     if filled != text:
-        document.write_text(filled, encoding="utf-8")
+        write_text(document, filled)
     return names
 
 

@@ -34,8 +34,8 @@ READING = (
     "(MQTT-XT's against MAVLink's). Bytes a second are over every attempt that counts, so that a failed one, which "
     "ends early, can be compared too; × is MAVLink's over MQTT-XT's. Medians of the attempts; losses are of all "
     f"completed attempts together, with {losses.FAILED} of failed ones until they gave up, and where nothing was lost "
-    "the 95 % bound is beside it. Command delay: from the ground station to the drone, by capture; its ratio is "
-    "MQTT-XT's over MAVLink's."
+    "the 95 % bound is beside it, as if each message were lost by itself, not several at once. Command delay: from "
+    "the ground station to the drone, by capture; its ratio is MQTT-XT's over MAVLink's."
 )
 
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...fly.results import REPORT
+from ...fly.results import REPORT, write_text
 from ...numbers import words
 from ...numbers.quantities import ratios as ratios_of
 from ...plan import wording
@@ -58,7 +58,7 @@ def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -
         )
     )
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(page, encoding="utf-8")
+    write_text(target, page)
     for figure in figures.values():
         base = target.with_name(f"{target.stem}-{figure.name}")
         base.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")

@@ -96,6 +96,7 @@ def passages(found: Findings) -> Iterator[list[str]]:
     yield _commands(found)
     yield _missions(found)
     yield _losses(found)
+    yield _bundles(found)
     yield _lossy(found)
     yield _delays(found)
     yield _other_profiles(found)
@@ -162,6 +163,23 @@ def _losses(found: Findings) -> list[str]:
         f"{statuses.count('failed')} of {len(statuses)} missions",
         lost_of(STATES_LOST, of_five).brief,
     ]
+
+
+def _bundles(found: Findings) -> list[str]:
+    """A position's delay: in bundles and at the latest, MAVLink's on the same profiles, and topic by topic."""
+    profiles = ("ideal", "lte", "lossy", "thesis")
+    bundled = [f"{_position_ms(found, 'mqttxt', BUNDLED, profile)} on `{profile}`" for profile in profiles]
+    of_bundles = [one for profile in profiles for one in found.attempts("mqttxt", BUNDLED, profile)]
+    latest = words.milliseconds(max(one["state_delay_ms"]["location"]["captures"]["max"] for one in of_bundles))
+    theirs = [_position_ms(found, "mavlink", BUNDLED, profile) for profile in profiles]
+    alone = [f"{_position_ms(found, 'mqttxt', FIVE, profile)} on `{profile}`" for profile in profiles[:2]]
+    return [*bundled, latest, *theirs, *alone]
+
+
+def _position_ms(found: Findings, side: str, arm: str, profile: str) -> str:
+    """The median of the completed attempts' medians."""
+    done = completed(found.cell(arm, profile).metrics["protocols"][side])
+    return words.milliseconds(median(one["state_delay_ms"]["location"]["captures"]["p50"] for one in done))
 
 
 def _lossy(found: Findings) -> list[str]:

@@ -77,6 +77,20 @@ def test_failed_and_void_attempts_are_named(tmp_path: Path) -> None:
     assert "2 pairs, without 3" in " ".join(said.split())
 
 
+@pytest.mark.parametrize(("here", "said_so"), [("decaf", True), ("c0ffee", False), (None, False)])
+def test_a_verdict_by_flights_of_another_revision_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: str | None, said_so: bool
+) -> None:
+    monkeypatch.setattr(command, "revision", lambda: {"commit": here, "dirty": False})
+    _flown(tmp_path, 200_000, 210_000, 190_000)
+    _, said, _ = _run(tmp_path, _table(tmp_path), "--no-fly")
+    line = (
+        "scenario-3, arm direct, profile lte: flown at c0ffee, not at decaf, which is here; "
+        "another folder in --results flies it anew\n"
+    )
+    assert (line in said, "flown at" in said) == (said_so, said_so)
+
+
 def test_what_was_not_flown_cannot_be_judged(tmp_path: Path) -> None:
     code, _, said = _run(tmp_path, _table(tmp_path), "--no-fly")
     assert code == 1

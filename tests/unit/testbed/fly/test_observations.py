@@ -60,6 +60,12 @@ def test_captures_that_dropped_or_did_not_say_so_are_counted(flown: Attempt) -> 
     assert seen_of(flown) == Observed(dropped={"gs": 3, "uav1": None})
 
 
+def test_what_captures_dropped_is_seen_of_a_failed_mission_too(flown: Attempt) -> None:
+    counts = [{"node": "gs", "dropped": 3}, {"node": "cloud", "dropped": 0}]
+    (flown.path / "pcap" / "captures.json").write_text(json.dumps(counts))
+    assert seen_of(flown, "arm: denied") == Observed("arm: denied", dropped={"gs": 3})
+
+
 def test_files_that_cannot_be_read_are_named_by_their_place_in_the_series_once(flown: Attempt) -> None:
     (flown.path / "events.jsonl").write_text("{}\n")
     (flown.path / "pcap" / "gs.pcap").write_text("no capture")

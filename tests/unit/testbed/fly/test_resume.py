@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,19 @@ def test_an_attempt_that_was_cut_off_is_void_with_its_pair_and_both_are_flown_ag
     assert go_on(series, plan_of(1)) == []
 
 
+def test_an_attempt_that_docker_cut_off_is_flown_again_with_its_reason_kept(series: Series) -> None:
+    reason = "the run was cut off: Docker does not answer"
+    change(series, "mavlink/attempt-01", status="void", reason=reason)
+    assert begun_of(series, plan_of(1))[1].left == 3
+    assert go_on(series, plan_of(1)) == [("mqttxt", 1, 1), ("mavlink", 1, 1)]
+    assert manifest_of(series, "mavlink/attempt-01")["reason"] == reason
+
+
+def test_a_damaged_manifest_does_not_keep_the_rest_from_being_flown(series: Series) -> None:
+    (series.path / "mavlink" / "attempt-01" / "manifest.json").write_text("{half")
+    assert go_on(series, plan_of(1)) == [("mqttxt", 1, 1), ("mavlink", 1, 1)]
+
+
 def test_an_attempt_without_a_manifest_was_cut_off(series: Series) -> None:
     (series.path / "mqttxt" / "attempt-02").mkdir()
     assert go_on(series, plan_of(2)) == [("mavlink", 2, 1), ("mqttxt", 2, 1)]
@@ -141,6 +155,14 @@ def test_a_series_as_it_would_be_flown_now_can_be_gone_on_with(series: Series) -
 def test_a_series_flown_otherwise_is_left_as_it_is(series: Series, changed: dict[str, Any], said: str) -> None:
     change(series, "mqttxt/attempt-01", **changed)
     assert otherwise(series, plan_of()) == said
+
+
+def test_a_series_in_the_order_of_another_seed_is_left_as_it_is(series: Series) -> None:
+    assert otherwise(series, replace(plan_of(), order_seed=7)) == "who flies first was drawn from another seed"
+    for side in ("mqttxt", "mavlink"):
+        change(series, f"{side}/attempt-01", seeds={"sitl": 1, "links": 1, "order": 7})
+    assert otherwise(series, replace(plan_of(), order_seed=7)) is None
+    assert otherwise(series, replace(plan_of(), order_seed=8)) == "who flies first was drawn from another seed"
 
 
 def test_a_series_on_other_links_is_left_as_it_is(series: Series) -> None:

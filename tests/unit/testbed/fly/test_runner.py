@@ -303,7 +303,7 @@ def test_links_that_cannot_be_shaped_end_the_run_with_what_net_says(tmp_path: Pa
     with pytest.raises(TestbedError, match=r"^the links cannot be shaped: net: neither netem nor NFQUEUE$"):
         _fly(tmp_path, fleet)
     assert fleet.did[-1] == "down"
-    assert _manifest(tmp_path)["status"] == "failed"
+    assert _manifest(tmp_path)["status"] == "void"
 
 
 def test_what_shapes_the_links_and_their_seed_are_in_the_manifest(tmp_path: Path) -> None:
@@ -329,7 +329,8 @@ def test_the_containers_end_although_the_disk_is_full(
         _fly(tmp_path, fleet)
     assert full.value.exit_code == 1
     assert fleet.did[4:] == [*ending, "down"]
-    assert _manifest(tmp_path)["status"] == "failed"
+    assert _manifest(tmp_path)["status"] == "void"
+    assert _manifest(tmp_path)["reason"].endswith("No space left on device")
 
 
 def test_a_signal_while_the_containers_end_waits_for_them(tmp_path: Path) -> None:
@@ -370,7 +371,7 @@ def test_a_mission_that_breaks_says_with_what(tmp_path: Path) -> None:
 def test_a_mission_that_does_not_take_its_input_ends_the_run(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="the mission could not be flown: fleet=1:0: expected drones"):
         _fly(tmp_path, Fleet(["mission: fleet=1:0: expected drones"], code=2))
-    assert _manifest(tmp_path)["reason"].startswith("the mission could not be flown")
+    assert _manifest(tmp_path)["reason"].startswith("the run was cut off: the mission could not be flown")
 
 
 def test_a_daemon_that_does_not_answer_is_in_the_manifest(tmp_path: Path) -> None:
@@ -380,7 +381,29 @@ def test_a_daemon_that_does_not_answer_is_in_the_manifest(tmp_path: Path) -> Non
 
     with pytest.raises(DockerError):
         _fly(tmp_path, Silent([]))
-    assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "Docker does not answer")
+    told = _manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]
+    assert told == ("void", "the run was cut off: Docker does not answer")
+
+
+def test_a_docker_that_is_lost_in_flight_counts_against_nobody_and_the_attempt_is_flown_again(tmp_path: Path) -> None:
+    class Lost(Fleet):
+        def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+            yield from super().execute(service, command, limit_s=limit_s)
+            if len(self.profiles) == 1:
+                raise DockerError("gs: lost touch with python, which still runs")
+            return 0
+
+    path, endings, _ = _fly(tmp_path, Lost([TAKEOFF]))
+    assert endings == [Verdict("completed")]
+    cut, _ = (attempt.manifest() for attempt in Series(path).attempts())
+    assert cut["status"] == "void"
+    assert cut["reason"] == "the run was cut off: gs: lost touch with python, which still runs"
+
+
+def test_a_failed_mission_whose_captures_dropped_packets_is_void_as_a_completed_one_is(tmp_path: Path) -> None:
+    fleet = Fleet(["mission: scenario-1 failed: arm: drone 3: denied"], code=1, dropped=2)
+    _, (ended,), _ = _fly(tmp_path, fleet)
+    assert ended == Verdict("void", ("captures dropped packets: gs 2",), "scenario-1 failed: arm: drone 3: denied")
 
 
 def test_a_fleet_that_never_comes_up_fails_its_attempt_and_the_run_goes_on(tmp_path: Path) -> None:
@@ -418,7 +441,7 @@ def test_a_lost_docker_ends_the_run_and_what_was_flown_is_kept(tmp_path: Path) -
     with pytest.raises(DockerError, match="Docker does not answer"):
         _fly(tmp_path, Lost([TAKEOFF]), "2", "mqttxt,mavlink")
     assert _manifest(tmp_path)["status"] == "completed"
-    assert _manifest(tmp_path, "mavlink")["reason"] == "Docker does not answer"
+    assert _manifest(tmp_path, "mavlink")["reason"] == "the run was cut off: Docker does not answer"
     assert not list(tmp_path.glob("scenario-1/thesis-ideal/*/*/attempt-02"))
     assert (tmp_path / "scenario-1" / "latest" / "mqttxt" / "attempt-01").exists()
 
@@ -473,7 +496,7 @@ def test_a_signal_ends_everything_and_keeps_what_there_is(tmp_path: Path, number
         _fly(tmp_path, fleet)
     assert interrupted.value.exit_code == 130
     assert fleet.did[-3:] == ["stop net", "logs", "down"]
-    assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "interrupted")
+    assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("void", "interrupted")
     assert signal.getsignal(number) is before
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import testbed
+from testbed.errors import DockerError
 from testbed.fly.results import Attempt
 from testbed.fly.validity import (
     CUT_OFF,
@@ -16,6 +17,7 @@ from testbed.fly.validity import (
     Observed,
     Verdict,
     as_measured,
+    cut_off,
     judge,
     paired,
     unmeasured,
@@ -26,6 +28,7 @@ from testbed.fly.validity import (
 LATE = "the emulator did not keep up"
 SLOW = "uav1: the autopilot's clock ran at 0.70 of the time"
 DENIED = "arm: drone 3: denied"
+DOCKER_GONE = cut_off(DockerError("Docker does not answer"))
 
 
 @pytest.mark.parametrize(
@@ -42,8 +45,11 @@ DENIED = "arm: drone 3: denied"
         (Observed(flights=(SLOW,)), Verdict("void", (SLOW,))),
         (Observed(failure=DENIED, off_links=(LATE,)), Verdict("void", (LATE,), DENIED)),
         (Observed(failure=DENIED, flights=(SLOW,)), Verdict("void", (SLOW,), DENIED)),
-        (Observed(failure=INTERRUPTED, off_links=(LATE,)), Verdict("failed", (INTERRUPTED,))),
-        (Observed(failure=CUT_OFF, flights=(SLOW,)), Verdict("failed", (CUT_OFF,))),
+        (Observed(failure=DENIED, dropped={"gs": 3}), Verdict("void", ("captures dropped packets: gs 3",), DENIED)),
+        # the run's own end counts against nobody
+        (Observed(failure=INTERRUPTED, off_links=(LATE,)), Verdict("void", (INTERRUPTED,))),
+        (Observed(failure=CUT_OFF, flights=(SLOW,)), Verdict("void", (CUT_OFF,))),
+        (Observed(failure=DOCKER_GONE), Verdict("void", (DOCKER_GONE,))),
         # what only the numbers of a completed mission need
         (Observed(uncaptured=("fog1", "uav2")), Verdict("void", ("no capture at fog1, uav2",))),
         (Observed(dropped={"gs": 3, "uav1": None}), Verdict("void", ("captures dropped packets: gs 3, uav1 ?",))),
@@ -58,7 +64,7 @@ DENIED = "arm: drone 3: denied"
             Verdict("void", ("events.jsonl, line 1: not JSON",)),
         ),
         (
-            Observed(DENIED, None, (), (), ("uav2",), {"gs": 3}, False, ("uav2",), ("gs.pcap", 3.0), ("x: not JSON",)),
+            Observed(DENIED, None, (), (), ("uav2",), {}, False, ("uav2",), ("gs.pcap", 3.0), ("x: not JSON",)),
             Verdict("failed", (DENIED,)),
         ),
         # every reason is given
@@ -77,7 +83,10 @@ def test_a_verdict_is_written_as_its_status_and_one_line_and_read_back() -> None
     void = Verdict("void", (LATE, SLOW), DENIED)
     assert void.reason == f"{LATE}; {SLOW}; this one had failed: {DENIED}"
     assert written(void.to_data()).to_data() == void.to_data()
-    assert written({"status": "running", "reason": None}) == Verdict("failed", (CUT_OFF,))
+    assert written({"status": "running", "reason": None}) == Verdict("void", (CUT_OFF,))
+    for reason in (CUT_OFF, INTERRUPTED, DOCKER_GONE):
+        assert written({"status": "failed", "reason": reason}) == Verdict("void", (reason,))
+    assert written({"status": "failed", "reason": DENIED}) == Verdict("failed", (DENIED,))
 
 
 def test_with_one_attempt_of_a_pair_the_other_is_void_and_no_third() -> None:
@@ -108,6 +117,7 @@ def test_what_can_no_longer_be_measured_is_void_unless_it_failed() -> None:
         (Verdict("failed", (DENIED,)), False),
         (Verdict("failed", (INTERRUPTED,)), True),
         (Verdict("void", (CUT_OFF,)), True),
+        (Verdict("void", (DOCKER_GONE,)), True),
         (Verdict("void", (LATE, CUT_OFF)), False),
     ],
 )

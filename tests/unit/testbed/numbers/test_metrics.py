@@ -94,11 +94,21 @@ def test_a_failed_attempt_is_never_void(tmp_path: Path) -> None:
     assert side["void"] == []
 
 
-def test_a_run_that_was_cut_off_has_failed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("status", "reason", "said"),
+    [
+        ("running", None, "the run was cut off"),
+        ("failed", "interrupted", "interrupted"),
+        ("void", "the run was cut off: Docker does not answer", "the run was cut off: Docker does not answer"),
+    ],
+)
+def test_an_attempt_that_its_run_cut_off_is_no_failure_of_its_protocol(
+    tmp_path: Path, status: str, reason: str | None, said: str
+) -> None:
     series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
-    make_attempt(series, status="running")
-    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
-    assert (measured["status"], measured["reason"]) == ("failed", "the run was cut off")
+    make_attempt(series, status=status, reason=reason)
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert side == {"attempts": [], "void": [{"attempt": 1, "reason": said}]}
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from testbed.numbers.packets.mqtt import Segment, read_direction
+from testbed.numbers.packets.streams import runs
 from tests.handmade.attempts import publish
 
 
@@ -75,6 +76,39 @@ def test_a_retransmission_that_cuts_otherwise_gives_only_what_is_new() -> None:
     early, late = stream(data[:6], data[6:])
     longer = Segment(5, 5, early.sequence, False, data[:20])
     assert published([early, longer, late]) == [("a", b"1" * 8), ("b", b"2" * 8)]
+
+
+def test_a_message_begins_in_the_first_frame_that_had_it_not_in_a_repetition_that_begins_before_it() -> None:
+    first, second = stream(publish("a", b"1"), publish("b", b"2"))
+    together = Segment(5, 5, first.sequence, False, first.body + second.body)
+    found = read_direction([first, second, together])
+    assert [(p.topic, p.row, p.left_ns, p.copies) for p in found.packets] == [("a", 0, 0, 2), ("b", 1, 1, 2)]
+
+
+def test_a_message_whose_parts_arrived_has_arrived_though_its_repetition_as_a_whole_was_lost() -> None:
+    data = publish("b", b"2" * 20)
+    before, early, late = stream(publish("a", b"1"), data[:8], data[8:])
+    together = Segment(5, None, before.sequence, False, before.body + data)
+    found = read_direction([before, early, late, together])
+    assert [(p.topic, p.row, p.left_ns) for p in found.packets] == [("a", 0, 0), ("b", 1, 2)]
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.integers(1, 12), st.none() | st.integers(0, 9)), max_size=8))
+def test_who_carried_a_byte_and_when_it_had_arrived_is_that_of_a_plain_count(
+    parts: list[tuple[int, int, int | None]],
+) -> None:
+    sent = [(0, 4, 0), *parts]
+    segments = [Segment(row, left, 1000 + at, False, b"x" * size) for row, (at, size, left) in enumerate(sent)]
+    for run in runs(segments):
+        carriers = {
+            place: [segment for segment in segments if 0 <= place - (segment.sequence - 1000) < len(segment.body)]
+            for place in range(run.origin, run.reached)
+        }
+        for place, own in carriers.items():
+            assert (run.row_of(place), run.copies_of(place)) == (min(one.row for one in own), len(own))
+            times = [[one.left_ns for one in carriers[at] if one.left_ns is not None] for at in carriers if at >= place]
+            expected = max(map(min, times)) if all(times) else None
+            assert run.left_ns(place, run.reached) == expected
 
 
 def test_after_a_gap_reading_goes_on_at_the_next_segment() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from io import StringIO
 from pathlib import Path
 
@@ -49,6 +50,26 @@ def test_the_same_results_give_the_same_bytes(series: Series) -> None:
     again = open_series(series.path)
     assert write_report(again, measure_series(again)).read_bytes() == first
     assert (series.path / "metrics.json").read_bytes() == metrics
+
+
+@pytest.mark.parametrize("file", ["manifest.json", "events.jsonl"])
+def test_a_damaged_attempt_is_void_and_keeps_nobody_from_seeing_the_others(series: Series, file: str) -> None:
+    damaged = series.path / "mqttxt" / "attempt-00"
+    shutil.copytree(series.path / "mqttxt" / "attempt-01", damaged)
+    (damaged / file).write_text("{half\n")
+    metrics, console = measure_series(series), Console(file=StringIO(), width=120)
+    assert "Over MQTT-XT one drone on one fog flew scenario 1" in write_report(series, metrics).read_text()
+    print_summary(series, metrics, console)
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert f"MQTT-XT, attempt 0 is void, not counted: mqttxt/attempt-00/{file}" in shown
+
+
+@pytest.mark.parametrize("file", ["counters.json", "plan.json", "events.jsonl"])
+def test_a_damaged_record_of_the_links_is_remarked_and_the_page_is_written(series: Series, file: str) -> None:
+    (series.path / "mqttxt" / "attempt-01" / "links" / file).write_text("{half\n")
+    metrics, console = measure_series(series), Console(file=StringIO(), width=120)
+    print_summary(series, metrics, console)
+    assert re.search(rf"links/{file}(, line 1)?: not JSON", write_report(series, metrics).read_text())
 
 
 def test_the_terminal_shows_every_attempt_and_link(series: Series) -> None:

@@ -298,6 +298,8 @@ def test_factors_are_said_in_words_and_what_they_mean() -> None:
         "chain": "direct",
     }
     assert "compare the same content" in factors.fairness(same)[0]
+    assert "wait up to a second for their bundle" in factors.fairness(same)[0]
+    assert "bundle" not in factors.fairness(same | {"states": "fixed"})[0]
     assert "mission times compare directly" in factors.fairness(same)[1]
     assert not any("QoS 0" in said for said in factors.fairness(same))
     assert factors.fairness({"fogs": 3, "drones": 6}) == [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -181,6 +182,21 @@ def test_filling_a_document_twice_changes_nothing(tmp_path: Path) -> None:
     document = tmp_path / "document.md"
     fill(document, find_cells([tmp_path]).cells)
     assert document.read_text() == text
+
+
+def test_a_document_is_left_as_it_is_where_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def half(path: Path, text: str, **_: str) -> None:
+        path.write_bytes(text[: len(text) // 2].encode())
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    finished(tmp_path, *both())
+    document = tmp_path / "document.md"
+    document.write_text(MARKED.format(name="numbers:scenario-1"))
+    before = document.read_bytes()
+    monkeypatch.setattr(Path, "write_text", half)
+    with pytest.raises(OSError, match="No space left on device"):
+        fill(document, find_cells([tmp_path]).cells)
+    assert document.read_bytes() == before
 
 
 def test_an_experiment_that_was_not_flown_says_so(tmp_path: Path) -> None:
