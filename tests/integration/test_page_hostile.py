@@ -20,6 +20,7 @@ from mqttxt import (
     StateUpdate,
     Word,
 )
+from mqttxt.page.history import MOST_CHARTS
 from tests.rigs.live_page import LivePage
 from tests.rigs.made_up_page import served, shown
 from tests.rigs.processes import eventually, free_port
@@ -61,6 +62,16 @@ async def test_texts_of_others_are_only_text() -> None:
         injected = "document.querySelectorAll('body img, body script').length"
         assert await asyncio.to_thread(browser.value, injected) == 0
         assert browser.said == []
+
+
+async def test_a_sensor_that_makes_up_kinds_fills_no_browser() -> None:
+    station = FakeStation()
+    async with shown(station) as browser:
+        for first in range(0, 3 * MOST_CHARTS, 100):
+            for number in range(first, first + 100):
+                await station.heard.put(SensorReading(1, 1, 7, 1, 1, f"kind{number}", 20.5, "", 1000))
+            await asyncio.to_thread(browser.until_text, "#sensors", f"kind{first + 99}")
+        assert await asyncio.to_thread(browser.value, "document.querySelectorAll('#sensors li').length") == MOST_CHARTS
 
 
 @pytest.mark.parametrize("width", [400, 1400, 1600])

@@ -146,6 +146,13 @@ class LivePage(Browser):
         self._ask("Input.dispatchKeyEvent", type="keyDown", **how, **({"text": text} if text else {}))
         self._ask("Input.dispatchKeyEvent", type="keyUp", **how)
 
+    def hold(self, key: str, times: int) -> None:
+        """Hold a key that repeats `times` times."""
+        how = {"key": key, "windowsVirtualKeyCode": _KEYS[key], "text": "\r" if key == "Enter" else ""}
+        for repeated in range(times + 1):
+            self._ask("Input.dispatchKeyEvent", type="keyDown", **how, autoRepeat=repeated > 0)
+        self._ask("Input.dispatchKeyEvent", type="keyUp", key=key, windowsVirtualKeyCode=_KEYS[key])
+
     def type(self, selector: str, text: str) -> None:
         """Replace a field's text."""
         self.click(selector)

@@ -84,6 +84,7 @@ class FakeDrone:
         self.holder: str | None = "page"
         self.readings: list[SensorReading] = []
         self.uploaded: list[Plan] = []
+        self.upload_ttl_s = 0.0
         self.upload_word: Outcome | Exception = outcome(Word.COMPLETED)
         self.states: dict[str, KnownState[State]] = {}
         self._station = station
@@ -99,8 +100,9 @@ class FakeDrone:
     def send(self, command: Command, *, ttl_s: float) -> FakeSent:
         return self._station.sent_to(self.number, command, ttl_s)
 
-    async def upload(self, plan: Plan, *, progress: Callable[[int, int], None]) -> Outcome:
+    async def upload(self, plan: Plan, *, ttl_s: float, progress: Callable[[int, int], None]) -> Outcome:
         self.uploaded.append(plan)
+        self.upload_ttl_s = ttl_s
         for done in (0, 1024, 1500):
             progress(done, 1500)
             await asyncio.sleep(0)

@@ -241,6 +241,19 @@ def test_who_signs_with_another_key_is_named(tmp_path: Path, by: Callable[[], Se
     assert (code, f"line 2: {why}" in said or why in said) == (1, True)
 
 
+def test_a_log_that_goes_on_as_another_nodes_is_named(tmp_path: Path) -> None:
+    """Who has a key of the fleet and can write the file could else append what its owner never wrote, and sign it."""
+    path = written(tmp_path / "log")
+    file = AuditFile(path, "fog1")
+    file.open(AT_S)
+    file.add(AT_S, "file", {"node": "drone2", "before": "0" * 64})
+    file.add(AT_S, "command", {"who": "gs-g", "seq": 99})
+    file.sign(AT_S, seal("drone2"))
+    file.sync(AT_S)
+    code, said = verify(path, "--fleet", acme())
+    assert (code, f"{path}: line 26: of drone2; expected fog1, whose log it is" in said) == (1, True)
+
+
 @pytest.mark.parametrize("sign1", ["", "!", "AAAA", None, 7])
 def test_a_signature_that_is_none_is_named(tmp_path: Path, sign1: Any) -> None:
     file = AuditFile(tmp_path / "log", "fog1")
@@ -438,7 +451,7 @@ def test_a_required_log_needs_a_file() -> None:
 
 def test_a_log_without_an_identity_says_that_it_is_not_signed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     log = AuditLog(tmp_path / "log", "fog1")
-    assert "not signed without --identity" in caplog.text
+    assert "not signed without `identity`" in caplog.text
     log.start(7)
     log.record(audit())
     log.close()

@@ -148,8 +148,20 @@ def test_an_open_broker_elsewhere_has_to_be_asked_for() -> None:
     assert "--broker mqtt://ha.example:1883: not encrypted; expected mqtts://, or --insecure-broker" in done.output
 
 
+def test_a_sensor_that_makes_up_kinds_makes_no_entities_without_end() -> None:
+    entities = Entities(cast("list[Fog]", [FakeFog(1, [drone := FakeDrone(2)])]))
+    topics: set[str] = set()
+    for first in range(0, 300, 50):
+        kinds = [f"kind{number:03}" for number in range(first, first + 50)]
+        drone.readings = [SensorReading(1, 2, 4, 1, 1, kind, 1.5, "", 1000) for kind in kinds]
+        topics |= {topic for topic, _ in entities.messages() if "_sensor4_" in topic}
+    assert len(topics) == homeassistant.MOST_READINGS
+    drone.readings = [SensorReading(1, 2, 4, 1, 1, "kind000", 2.5, "", 2000)]
+    assert json.loads(dict(entities.messages())["mqttxt/drone2/state"])["sensor4_kind000"] == 2.5
+
+
 def test_drones_of_several_fleets_are_devices_of_their_own() -> None:
-    fleets = ("acme/eu", "acme_eu", "acme-eu", "acme-2f-eu")
+    fleets = ("acme/eu", "acme_eu", "acme-eu", "acme-2f-eu", "münchen")
     fogs = [FakeFog(1, [FakeDrone(2, states=FLYING)], fleet=fleet) for fleet in fleets]
     found = dict(Entities(cast("list[Fog]", fogs)).messages())
     assert len(found) == len(fleets) * len(dict(Entities(cast("list[Fog]", fogs[:1])).messages()))

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mqttxt.errors import ConfigurationError
+from mqttxt.protocol.commands import Mavlink
 from mqttxt.security.authority import MEMBERS_FILE, Authority, hosts_of
 from mqttxt.security.certificate import Certificate
 from mqttxt.security.fleet import Fleet
@@ -61,6 +62,15 @@ def test_another_name_is_refused(text: str) -> None:
 @given(st.builds(Rights, st.none() | st.frozensets(st.integers(1, 250)), st.booleans(), st.booleans(), st.booleans()))
 def test_rights_survive_their_certificate(rights: Rights) -> None:
     assert Rights.of_uris(rights.uris()) == rights
+
+
+@pytest.mark.parametrize("number", [180, 245])
+def test_a_mav_cmd_that_sets_parameters_needs_the_right_to(number: int) -> None:
+    """A drone may allow these MAV_CMDs (R5.17): that gives no station a right that its certificate lacks."""
+    command = Mavlink(number, (None,) * 7)
+    assert Rights(None, upload_plan=True).missing(command, 1) == "mqttxt:may/set-parameters"
+    assert Rights(None, set_parameters=True).missing(command, 1) is None
+    assert Rights(None).missing(Mavlink(178, (None,) * 7), 1) is None
 
 
 def test_rights_in_their_shortest_form() -> None:
@@ -227,6 +237,52 @@ def test_an_older_list_that_was_put_back_while_the_node_was_stopped_does_not_cou
     assert started.fleet.verify(next(each for each in acme.issued() if each.name == "gs-a"), now_s()) == "revoked"
     started.fleet.keep()
     assert (folder / "revoked.pem").read_bytes() == started.fleet.revoked.pem()
+
+
+def test_a_newer_list_that_waits_in_the_folder_is_not_written_over(acme: Authority) -> None:
+    """A node writes its list every ten minutes: one that was brought there meanwhile counts from SIGHUP or start on."""
+    folder = acme.issue("drone3")
+    drone = Identity.load(folder)
+    drone.fleet.keep()
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    newer = acme.fleet.revoked.pem()
+    (folder / "revoked.pem").write_bytes(newer)
+    drone.fleet.keep()
+    assert (folder / "revoked.pem").read_bytes() == newer
+    assert drone.fleet.take(drone.fleet.in_folder())
+    drone.fleet.keep()
+    assert (folder / "newest.pem").read_bytes() == newer
+
+
+def test_two_processes_of_an_identity_keep_the_newer_list(acme: Authority) -> None:
+    folder = acme.issue("gs-ops")
+    behind, ahead = Identity.load(folder), Identity.load(folder)
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    assert ahead.fleet.take(acme.fleet.revoked)
+    for process in (ahead, behind):
+        process.fleet.keep()
+    assert Identity.load(folder).fleet.revoked.number == 2
+
+
+def test_a_spoilt_list_in_the_folder_is_written_anew(acme: Authority) -> None:
+    folder = acme.issue("drone3")
+    drone = Identity.load(folder)
+    (folder / "revoked.pem").write_bytes(b"")
+    drone.fleet.keep()
+    assert (folder / "revoked.pem").read_bytes() == drone.fleet.revoked.pem()
+
+
+def test_what_two_processes_revoke_at_once_is_all_revoked(acme: Authority) -> None:
+    for name in ("gs-a", "gs-b", "drone3"):
+        acme.issue(name)
+    other = Authority.load(acme.folder)
+    acme.revoke("gs-a")
+    other.revoke("gs-b")
+    found = Fleet.load(acme.folder / "drone3").revoked
+    assert found.number == 3
+    assert found.serials == {each.serial for each in acme.issued() if each.name != "drone3"}
 
 
 def test_a_list_that_cannot_be_kept_counts_and_is_kept_later(acme: Authority) -> None:

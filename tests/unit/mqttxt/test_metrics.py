@@ -34,7 +34,7 @@ from mqttxt import (
     State,
 )
 from mqttxt.errors import ConfigurationError
-from mqttxt.metrics import _WORDS, serve
+from mqttxt.metrics import _WORDS, MOST_READINGS, FleetCollector, serve
 from mqttxt.protocol.state_fields import fields_of
 
 DASHBOARD = Path(__file__).resolve().parents[3] / "docs" / "grafana" / "fleet.json"
@@ -146,6 +146,11 @@ async def test_a_port_that_is_taken_is_one_line() -> None:
             serve([], "127.0.0.1", port)
 
 
+async def test_an_address_of_ipv6_is_named_as_it_is_typed() -> None:
+    with pytest.raises(ConfigurationError, match=r"^--listen \[::1%nowhere\]:9464: cannot listen: "):
+        serve([], "::1%nowhere", 9464)
+
+
 @pytest.mark.parametrize(
     ("host", "status"),
     [
@@ -165,6 +170,18 @@ async def test_another_name_for_this_address_is_refused(host: str, status: int) 
         return connection.getresponse().status
 
     assert await asyncio.to_thread(answered) == status
+
+
+async def test_a_sensor_that_makes_up_kinds_makes_no_series_without_end() -> None:
+    drone = FakeDrone(2)
+    collector = FleetCollector(cast("list[Fog]", [FakeFog(1, [drone])]), asyncio.get_running_loop())
+    found: set[tuple[str, ...]] = set()
+    for first in range(0, 300, 50):
+        kinds = [f"kind{number}" for number in range(first, first + 50)]
+        drone.readings = [SensorReading(1, 2, 4, 1, 1, kind, 1.5, "", 1000) for kind in kinds]
+        metrics = await asyncio.to_thread(lambda: list(collector.collect()))
+        found |= {tuple(s.labels.values()) for m in metrics for s in m.samples if m.name == "mqttxt_sensor_reading"}
+    assert len(found) == MOST_READINGS
 
 
 def test_no_two_states_share_a_metric() -> None:

@@ -30,8 +30,9 @@ from mqttxt import (
     Word,
 )
 from mqttxt.page.desk import KEPT
-from mqttxt.page.history import MOST_CHARTS, MOST_POINTS
+from mqttxt.page.history import MOST_CHARTS, MOST_POINTS, ChartKey, History
 from mqttxt.page.live import Live, Viewer, now_ms
+from mqttxt.station.views import UPLOAD_TTL_S
 from tests.rigs.loopback import eventually
 from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
 
@@ -75,6 +76,19 @@ async def test_a_browser_is_sent_everything_once_and_then_what_changes() -> None
         await eventually(lambda: bench.viewer.drones, "the change is marked")
         (drone,) = bench.viewer.take()["drones"]
         assert drone["states"]["battery"]["remaining_pct"] == 80
+
+
+async def test_a_browser_is_told_each_second_that_the_program_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with Bench().running() as bench:
+        sent_ms = bench.viewer.take()["at_ms"]
+        for later_ms, sent in (
+            (990, {}),
+            (1010, {"at_ms": sent_ms + 1010}),
+            (2000, {}),
+            (2030, {"at_ms": sent_ms + 2030}),
+        ):
+            monkeypatch.setattr("mqttxt.page.live.now_ms", lambda later_ms=later_ms: sent_ms + later_ms)
+            assert bench.viewer.take() == sent
 
 
 @pytest.mark.long
@@ -218,6 +232,18 @@ async def test_a_plan_is_uploaded_shown_and_its_mission_started_by_name() -> Non
         assert sent == [StartMission(plan.mission_hash), Resume(plan.mission_hash)]
 
 
+async def test_an_upload_that_was_held_back_on_its_way_has_less_time_and_is_not_carried_out_later() -> None:
+    """The drone may be flying the mission that it would replace."""
+    async with Bench().running() as bench:
+        drone = bench.station.the_fog.drone(1)
+        late = bench.ask(do="upload", name="two.plan", text=plan_text(), at_ms=now_ms() - 1000 * UPLOAD_TTL_S)
+        assert late["error"].startswith("not sent: it was asked for 30.0 s before it came to the page's program")
+        assert drone.uploaded == []
+        bench.ask(do="upload", name="two.plan", text=plan_text(), at_ms=now_ms() - 20_000)
+        await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
+        assert drone.upload_ttl_s == pytest.approx(10.0, abs=0.5)
+
+
 async def test_a_file_is_looked_at_without_a_drone() -> None:
     async with Bench(watch_only=True).running() as bench:
         seen = bench.ask(do="look", name="two.plan", text=plan_text())["plan"]
@@ -280,6 +306,17 @@ async def test_readings_are_sent_once_and_charts_are_bounded() -> None:
         for sensor in range(MOST_CHARTS + 1):
             bench.live.history.on_reading(replace(first, sensor=sensor))
         assert len(bench.live.history.charts) == MOST_CHARTS
+
+
+async def test_what_a_browser_was_sent_is_remembered_only_of_charts_that_there_are() -> None:
+    """A sensor may make up kinds without end; a chart that was dropped begins anew."""
+    reading = SensorReading(1, 1, 7, 1, 1, "kind0", 20.0, "", 1000)
+    history, sent = History(), dict[ChartKey, int]()
+    for number in [*range(3 * MOST_CHARTS), 0]:
+        history.on_reading(replace(reading, kind=f"kind{number}", seq=number))
+        (chart,) = history.readings_since(sent)
+        assert (chart["kind"], len(chart["points"])) == (f"kind{number}", 1)
+    assert len(sent) <= MOST_CHARTS + 1
 
 
 async def test_readings_from_before_the_page_was_open_are_there() -> None:

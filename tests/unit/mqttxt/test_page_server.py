@@ -60,6 +60,40 @@ async def test_another_name_for_this_address_is_refused(host: str) -> None:
             assert answer.status == 200
 
 
+@pytest.mark.parametrize(
+    ("host", "port", "url"),
+    [
+        *(("127.0.0.1", 8080, "http://127.0.0.1:8080/"), ("127.0.0.1", 80, "http://127.0.0.1/")),
+        *(("::1", 8080, "http://[::1]:8080/"), ("::1", 80, "http://[::1]/"), ("localhost", 80, "http://localhost/")),
+    ],
+)
+async def test_its_address_is_as_browsers_write_it(host: str, port: int, url: str) -> None:
+    station = FakeStation()
+    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
+    assert Server(live, host, port).url == url
+
+
+async def test_an_address_of_ipv6_is_named_as_it_is_typed() -> None:
+    station = FakeStation()
+    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
+    with pytest.raises(ConfigurationError, match=r"^--listen \[::1%nowhere\]:8080: cannot listen: "):
+        await Server(live, "::1%nowhere", 8080).start()
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+async def test_another_site_makes_the_program_do_nothing(site: str) -> None:
+    """It could read no answer, but ask without end for the log, or for tiles."""
+    async with served(FakeStation()) as (server, session):
+        for name in ("log.jsonl?all", "tiles/1/0/0", "main.js"):
+            async with session.get(server.url + name, headers={"Sec-Fetch-Site": site}) as answer:
+                assert answer.status == 403, name
+        async with session.get(server.url, headers={"Sec-Fetch-Site": site}) as answer:
+            assert answer.status == 200, "a link to the page"
+        for own in ("same-origin", "none"):
+            async with session.get(f"{server.url}log.jsonl", headers={"Sec-Fetch-Site": own}) as answer:
+                assert answer.status == 200
+
+
 @pytest.mark.parametrize("origin", [None, "null", "https://evil.example", "http://127.0.0.1", "http://127.0.0.1:1"])
 async def test_another_sites_socket_is_refused(origin: str | None) -> None:
     async with served(FakeStation()) as (server, session):

@@ -71,6 +71,8 @@ async def test_kinds_of_tiles_that_no_browser_shows_are_one_line(tmp_path: Path)
         ("missing.pmtiles", "--tiles missing.pmtiles: No such file or directory; expected FILE.pmtiles, or"),
         ("https://tiles.example/{z}/{x}.png", "expected FILE.pmtiles, or a tile server's address, as https://"),
         ("ftp://tiles.example/{z}/{x}/{y}.png", "expected FILE.pmtiles, or a tile server's address"),
+        ("https://[tiles/{z}/{x}/{y}.png", "expected FILE.pmtiles, or a tile server's address"),
+        ("https://tiles.example:99999/{z}/{x}/{y}.png", "expected FILE.pmtiles, or a tile server's address"),
         ("https:///{z}/{x}/{y}.png", "expected FILE.pmtiles, or a tile server's address"),
         ("http://tiles.example/{z}/{x}/{y}.png", "expected https:// to another machine"),
     ],

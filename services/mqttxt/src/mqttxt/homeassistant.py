@@ -21,6 +21,8 @@ from .station.views import Drone, Fog
 logger = logging.getLogger("mqttxt")
 
 LINK = "Home Assistant"
+MOST_READINGS = 100
+"""Most entities of readings for one drone, the first ones: Home Assistant keeps each for good."""
 INTERVAL_S = 1.0
 """Shortest time between two publications of changes."""
 ONLINE, OFFLINE = "online", "offline"
@@ -51,6 +53,7 @@ class Entities:
     def __init__(self, fogs: Sequence[Fog], discovery: str = "homeassistant") -> None:
         self._fogs = fogs
         self._discovery = discovery
+        self._readings: dict[str, set[str]] = {}
         self.status = f"mqttxt/fogs-{'-'.join(f'{_root_of(fog.fleet)}{fog.number}' for fog in fogs)}/status"
         """The topic that shows whether this program runs."""
 
@@ -77,6 +80,11 @@ class Entities:
             yield self._config(node, "device_tracker", "location", place, has_value=False)
         for reading in drone.readings:
             key = f"sensor{reading.sensor}_{reading.kind}"
+            shown = self._readings.setdefault(node, set())
+            if len(shown) < MOST_READINGS:
+                shown.add(key)
+            if key not in shown:
+                continue
             values[key] = reading.value
             yield self._config(node, "sensor", key, _of_reading(reading))
         yield f"{self._root(node)}/state", json.dumps(values)
@@ -119,8 +127,8 @@ def _name(key: str) -> str:
 
 
 def _root_of(fleet: str) -> str:
-    """The prefix of a fleet's devices, unique to it: letters, digits, `-` and a final `_`; empty without a fleet."""
-    return "".join(c if c.isalnum() else f"-{ord(c):x}-" for c in fleet) + "_" if fleet else ""
+    """The prefix of a fleet's devices, unique to it: ASCII letters, digits, `-`, a final `_`; empty without a fleet."""
+    return "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in fleet) + "_" if fleet else ""
 
 
 def _of_state(name: str, state: object) -> Iterator[tuple[str, str, dict[str, Any], Any]]:

@@ -11,7 +11,7 @@ from prometheus_client import CollectorRegistry, make_wsgi_app, start_http_serve
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from .core.address import BrokerAddress
+from .core.address import BrokerAddress, host_port
 from .errors import ConfigurationError
 from .protocol.fields import Named
 from .protocol.state_fields import fields_of
@@ -19,6 +19,8 @@ from .protocol.states import STATES, AutopilotText
 from .station.views import Drone, Fog
 
 Answering = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
+MOST_READINGS = 100
+"""Most series of readings for one drone, the first ones: whoever stores them keeps each."""
 SNAPSHOT_S = 5.0
 """How long a scrape waits for the event loop, s."""
 _WORDS = {
@@ -54,6 +56,7 @@ class FleetCollector(Collector):
     def __init__(self, fogs: Sequence[Fog], loop: asyncio.AbstractEventLoop) -> None:
         self._fogs = fogs
         self._loop = loop
+        self._readings: dict[tuple[str, int], set[tuple[int, str, str]]] = {}
 
     def describe(self) -> Iterable[Metric]:
         """Nothing: the metrics are known only at a scrape, because they depend on the states."""
@@ -65,26 +68,31 @@ class FleetCollector(Collector):
     async def _snapshot(self) -> list[Metric]:
         families = Families()
         for fog in self._fogs:
-            _add_fog(families, fog)
+            self._add_fog(families, fog)
         return families.all()
 
-
-def _add_fog(families: Families, fog: Fog) -> None:
-    of_fog = {"fleet": fog.fleet, "fog": str(fog.number)} if fog.fleet else {"fog": str(fog.number)}
-    families.add("mqttxt_fog_live", fog.is_live, of_fog)
-    ranks = {ranked.drone: place for place, ranked in enumerate(fog.ranking, start=1)}
-    for drone in fog.drones:
-        labels = {**of_fog, "drone": str(drone.number)}
-        families.add("mqttxt_drone_reachable", drone.is_reachable, labels)
-        families.add("mqttxt_drone_controlled", drone.holder is not None, labels)
-        if drone.is_reachable:
-            if drone.number in ranks:
-                families.add("mqttxt_drone_rank", ranks[drone.number], labels)
-            _add_states(families, drone, labels)
-        for reading in drone.readings:
-            of_sensor = {**labels, "sensor": str(reading.sensor), "kind": reading.kind}
-            families.add("mqttxt_sensor_reading", reading.value, {**of_sensor, "unit": reading.unit})
-            families.add("mqttxt_sensor_reading_time_seconds", reading.time_ms / 1000, of_sensor)
+    def _add_fog(self, families: Families, fog: Fog) -> None:
+        of_fog = {"fleet": fog.fleet, "fog": str(fog.number)} if fog.fleet else {"fog": str(fog.number)}
+        families.add("mqttxt_fog_live", fog.is_live, of_fog)
+        ranks = {ranked.drone: place for place, ranked in enumerate(fog.ranking, start=1)}
+        for drone in fog.drones:
+            labels = {**of_fog, "drone": str(drone.number)}
+            families.add("mqttxt_drone_reachable", drone.is_reachable, labels)
+            families.add("mqttxt_drone_controlled", drone.holder is not None, labels)
+            if drone.is_reachable:
+                if drone.number in ranks:
+                    families.add("mqttxt_drone_rank", ranks[drone.number], labels)
+                _add_states(families, drone, labels)
+            shown = self._readings.setdefault((fog.fleet, drone.number), set())
+            for reading in drone.readings:
+                series = reading.sensor, reading.kind, reading.unit
+                if len(shown) < MOST_READINGS:
+                    shown.add(series)
+                if series not in shown:
+                    continue
+                of_sensor = {**labels, "sensor": str(reading.sensor), "kind": reading.kind}
+                families.add("mqttxt_sensor_reading", reading.value, {**of_sensor, "unit": reading.unit})
+                families.add("mqttxt_sensor_reading_time_seconds", reading.time_ms / 1000, of_sensor)
 
 
 def _add_states(families: Families, drone: Drone, labels: dict[str, str]) -> None:
@@ -109,7 +117,9 @@ def serve(fogs: Sequence[Fog], host: str, port: int) -> None:
     try:
         server, _ = start_http_server(port, host, registry)
     except OSError as error:
-        raise ConfigurationError(f"--listen {host}:{port}: cannot listen: {error.strerror or error}") from error
+        raise ConfigurationError(
+            f"--listen {host_port(host, port)}: cannot listen: {error.strerror or error}"
+        ) from error
     if BrokerAddress(host, port).is_loopback:
         server.set_app(_for_this_machine(make_wsgi_app(registry)))
 

@@ -19,7 +19,7 @@ from ..station.ground_station import GroundStation
 from ..station.heard import SentCommand
 from ..station.outcomes import Event, Outcome, PsmiList
 from ..station.plan import Plan
-from ..station.views import UPLOAD_TTL_S, Drone, Fog
+from ..station.views import Drone, Fog
 from .drafts import path_of
 from .event_log import EventLog
 from .offers import DroneKey, FogKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
@@ -108,11 +108,10 @@ class Desk:
             return order
         if isinstance(request, UploadRequest):
             name, plan = printable(request.name), request.plan
-            order = self._new(
-                f"upload {name} ({plan}) to {_drones((request.drone,))}", UPLOAD_TTL_S, UploadPlan.limit_s
-            )
+            text = f"upload {name} ({plan}) to {_drones((request.drone,))}"
+            order = self._new(text, request.ttl_s, UploadPlan.limit_s)
             order.path = path_of(plan)
-            self._start(order, self._upload(order, request.drone, plan))
+            self._start(order, self._upload(order, request))
             return order
         if isinstance(request, MissionRequest):
             return self._fly(request)
@@ -214,7 +213,8 @@ class Desk:
             order.waiting -= 1
             self._changed(order)
 
-    async def _upload(self, order: Order, key: DroneKey, plan: Plan) -> None:
+    async def _upload(self, order: Order, request: UploadRequest) -> None:
+        key, plan = request.drone, request.plan
         self._plans.pop(key, None)
 
         def tell(done: int, size: int) -> None:
@@ -224,7 +224,7 @@ class Desk:
             self._changed(order)
 
         try:
-            outcome = await self._drone(key).upload(plan, progress=tell)
+            outcome = await self._drone(key).upload(plan, ttl_s=request.ttl_s, progress=tell)
             if outcome.completed:
                 self._plans[key] = plan
             self._of_id[outcome.fleet, outcome.id] = order

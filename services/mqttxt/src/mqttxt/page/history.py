@@ -53,6 +53,8 @@ class History:
     def readings_since(self, sent: dict[ChartKey, int]) -> list[dict[str, Any]]:
         """The points that a browser has not been sent, by chart; `sent` counts those sent, and is updated."""
         found = []
+        for dropped in sent.keys() - self.charts.keys():
+            del sent[dropped]
         for key, chart in self.charts.items():
             fresh = min(chart.total - sent.get(key, 0), len(chart.points))
             if fresh > 0:

@@ -31,6 +31,8 @@ MOST_ENTRIES = 500
 MOST_ANSWERS = 100
 MOST_LINES = 10
 """Lines of mistakes in one answer; `mqttxt gs plan upload` prints all of a file's."""
+BEAT_MS = 1000
+"""An update is due at least this often, be it empty: so a browser notices a program or a tunnel that hangs."""
 LOOK_S = 1.0
 """How often the links are read."""
 _ONLY_WATCHES = "this page only watches: start it without --watch-only to command"
@@ -51,10 +53,11 @@ class Viewer:
         self.has_links = False
         self._has_begun = False
         self._entry = 0
+        self._sent_ms = 0.0
         self._points: dict[ChartKey, int] = {}
 
     def take(self) -> dict[str, Any]:
-        """Everything that has changed since the last call; empty if nothing has."""
+        """Everything that has changed since the last call, with the time if an update is due; else empty."""
         live, update = self._live, dict[str, Any]()
         if not self._has_begun:
             self._has_begun = True
@@ -88,8 +91,8 @@ class Viewer:
         if self.answers:
             update["answers"] = list(self.answers)
             self.answers.clear()
-        if update:
-            update["at_ms"] = now_ms()
+        if update or now_ms() - self._sent_ms >= BEAT_MS:
+            self._sent_ms = update["at_ms"] = now_ms()
         return update
 
 
@@ -186,6 +189,7 @@ class Live:
             "station": self._station.name,
             "names": {fleet: station.name for fleet, station in stations.items()},
             "prefixes": [station.prefix for station in stations.values()],
+            "fogs": [name_of(fog) for fog in self.fogs],
             "watch_only": self._watch_only,
             "commands": catalogue(),
             "ttl_s": TTL_S,

@@ -17,7 +17,7 @@ from ..protocol.commands import BROADCASTABLE, Arm, Command, Goto, Hold, Land, P
 from ..protocol.names import MAX_DRONE, parse_in_fleet
 from ..protocol.topics import SELECTABLE
 from ..station.plan import Plan
-from ..station.views import TTL_S
+from ..station.views import TTL_S, UPLOAD_TTL_S
 
 OFFERED: dict[str, type[Command]] = {cls.name: cls for cls in (Arm, Takeoff, Goto, Hold, Land, Return, Pause)}
 LONGEST_TTL_S = MAX_TTL_MS / 1000
@@ -64,11 +64,12 @@ class TakeOverRequest:
 
 @dataclass(frozen=True)
 class UploadRequest:
-    """Replace the plan of one drone by `plan`, which is from the file `name`."""
+    """Replace the plan of one drone by `plan`, which is from the file `name`, within `ttl_s` seconds or not at all."""
 
     plan: Plan
     name: str
     drone: DroneKey
+    ttl_s: float = UPLOAD_TTL_S
 
 
 @dataclass(frozen=True)
@@ -116,8 +117,9 @@ def catalogue() -> dict[str, Any]:
 def read_request(text: str, now_ms: float) -> tuple[int, Request | LinkRequest | LookRequest]:
     """Read a page's request and its number; raises ConfigurationError that names field, value and expectation.
 
-    `now_ms` is the time that updates give to pages, in ms. The time limit of a request that moves a drone, or takes
-    control, begins at its `at_ms`, when the user asked: a request that was delayed on its way has less time left.
+    `now_ms` is the time that updates give to pages, in ms. The time limit of a request that moves a drone,
+    replaces its plan or takes control begins at its `at_ms`, when the user asked: a request that was delayed on its
+    way has less time left.
     """
     try:
         found = json.loads(text)
@@ -140,7 +142,7 @@ def read_request(text: str, now_ms: float) -> tuple[int, Request | LinkRequest |
     if what == "upload":
         drone = _one_drone(target, "upload")
         name, plan = _plan(found)
-        return number, UploadRequest(plan, name, drone)
+        return number, UploadRequest(plan, name, drone, _left_s(found, UPLOAD_TTL_S, now_ms))
     if what in ("start", "resume"):
         drone = _one_drone(target, f"{what} mission")
         return number, MissionRequest(drone, what == "resume", _left_s(found, TTL_S, now_ms))

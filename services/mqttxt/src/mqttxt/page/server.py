@@ -14,6 +14,7 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
+from ..core.address import host_port
 from ..errors import ConfigurationError
 from .live import Live, Viewer
 from .tiles import HIGHEST_ZOOM, TileError, Tiles
@@ -64,6 +65,8 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 """The browser connects to this server alone, and runs no script but its files and `start`."""
+_OWN_SITES = ("none", "same-origin")
+"""What browsers name in `Sec-Fetch-Site` when the user or the page itself asks."""
 _KEEP = {"Cache-Control": "private, max-age=3600"}
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -84,10 +87,8 @@ class Server:
         self._tiles = tiles
         self._host = host
         self._port = port
-        shown = f"[{host}]" if ":" in host else host
-        behind = "" if port == HTTP_PORT else f":{port}"
-        self.url = f"http://{shown}{behind}/"
-        self._hosts = frozenset(f"{name}{behind}" for name in (shown, "localhost", "127.0.0.1"))
+        self._hosts = [host_port(name, port).removesuffix(f":{HTTP_PORT}") for name in (host, "localhost", "127.0.0.1")]
+        self.url = f"http://{self._hosts[0]}/"
         self._sockets: set[web.WebSocketResponse] = set()
         assets = files(__package__) / "assets"
         self._files = {name: (assets / name).read_bytes() for name in _FILES}
@@ -111,7 +112,7 @@ class Server:
         try:
             await web.TCPSite(self._runner, self._host, self._port).start()
         except OSError as error:
-            where = f"--listen {self._host}:{self._port}"
+            where = f"--listen {host_port(self._host, self._port)}"
             is_taken = error.errno == errno.EADDRINUSE
             why = "another program uses the port; expected a free one" if is_taken else error.strerror or error
             raise ConfigurationError(f"{where}: cannot listen: {why}") from error
@@ -122,9 +123,15 @@ class Server:
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuse requests under another host name, which DNS rebinding may have made to lead here."""
+        """Refuse requests under another host name, which DNS rebinding may have made to lead here.
+
+        Also refuse those of another website, except for the page itself: it reads no answer, but exports of the log
+        without end would delay this page's commands. The socket looks at the Origin, which more browsers send.
+        """
         if request.host not in self._hosts:
             raise web.HTTPForbidden(text=f"expected the address {self.url}\n")
+        if request.path not in ("/", "/live") and request.headers.get("Sec-Fetch-Site", "none") not in _OWN_SITES:
+            raise web.HTTPForbidden(text=f"expected a request of the page {self.url}\n")
         return await handler(request)
 
     async def _page(self, _request: web.Request) -> web.Response:

@@ -160,10 +160,13 @@ async def _body(answer: aiohttp.ClientResponse) -> bytes:
 
 
 def _offer_of_server(source: str) -> Offer:
-    parts = urlsplit(source)
+    try:
+        parts, port = urlsplit(source), urlsplit(source).port
+    except ValueError:
+        raise ConfigurationError(f"--tiles {source}: {_EXPECTED}") from None
     if parts.scheme not in ("http", "https") or not parts.hostname or any(source.count(one) != 1 for one in _FIELDS):
         raise ConfigurationError(f"--tiles {source}: {_EXPECTED}")
-    if parts.scheme == "http" and not BrokerAddress(parts.hostname, parts.port or 80).is_loopback:
+    if parts.scheme == "http" and not BrokerAddress(parts.hostname, port or 80).is_loopback:
         raise ConfigurationError(f"--tiles {source}: expected https:// to another machine")
     shapes = parts.path.endswith(_SHAPES)
     return Offer(0, _HIGHEST[shapes], shapes, parts.hostname)

@@ -119,7 +119,10 @@ class AuditVerdict:
     def _note(self, where: str, line: Line) -> None:
         event, time = line.fields["event"], str(line.fields["time"])
         if event == "file":
-            self.node = str(line.fields.get("node"))
+            node = str(line.fields.get("node"))
+            if self.lines and node != self.node:
+                raise self._broken(f"{where}: of {node}; expected {self.node}, whose log it is")
+            self.node = node
         elif event == "start":
             self.unproven, self._unsigned = self.unproven + self._unsigned, 0
         elif event == "head" and self.fleet is not None:

@@ -122,14 +122,16 @@ class Authority:
         if only_old:
             current = self._current(node)
             found = [each for each in found if each != current]
-        new = {each.serial for each in found} - self.fleet.revoked.serials
-        if new:
-            entries = _entries(self.fleet)
-            entries |= dict.fromkeys(new, datetime.now(UTC))
-            number = self.fleet.revoked.number + 1
-            self.fleet.take(self.fleet.read(signed_list(self._key, self.fleet.authority, number, entries)))
-            files.write(self.folder / REVOKED_FILE, self.fleet.revoked.pem())
-            self._bring_up_to_date()
+        with files.locked(self.folder):
+            self.fleet.take(self.fleet.in_folder())  # another process may have revoked meanwhile
+            new = {each.serial for each in found} - self.fleet.revoked.serials
+            if new:
+                entries = _entries(self.fleet)
+                entries |= dict.fromkeys(new, datetime.now(UTC))
+                number = self.fleet.revoked.number + 1
+                self.fleet.take(self.fleet.read(signed_list(self._key, self.fleet.authority, number, entries)))
+                files.write(self.folder / REVOKED_FILE, self.fleet.revoked.pem())
+                self._bring_up_to_date()
         return len(new)
 
     def issued(self) -> list[Certificate]:
@@ -162,7 +164,9 @@ class Authority:
                 shutil.rmtree(before, ignore_errors=True)
                 folder.rename(before)
             fresh.rename(folder)
-        self._bring_up_to_date()
+        with files.locked(self.folder):
+            self.fleet.take(self.fleet.in_folder())
+            self._bring_up_to_date()
 
     def _made(
         self,

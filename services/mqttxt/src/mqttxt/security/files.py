@@ -64,6 +64,27 @@ def write(path: Path, content: bytes, mode: int = 0o644, like: Path | None = Non
             _sync_folder(path.parent)
 
 
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes out of the same block for a folder, where system and file system have locks.
+
+    Raises ConfigurationError if there is no such folder.
+    """
+    if not _HAS_MODES:
+        yield
+        return
+    import fcntl  # Windows has none
+
+    with changing(folder):
+        handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
 def _give(file: int, mode: int, like: Path | None) -> None:
     os.fchmod(file, mode)
     if like is not None and os.geteuid() == 0:

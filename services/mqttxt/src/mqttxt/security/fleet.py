@@ -94,14 +94,23 @@ class Fleet:
         return self.read(files.read(self._folder / REVOKED_FILE), str(self._folder / REVOKED_FILE))
 
     def keep(self) -> None:
-        """Write the list to the folder, and replace an older one there; blocks. Raises ConfigurationError."""
+        """Write the list to the folder, except over a newer one there; blocks. Raises ConfigurationError."""
         if self._folder is None:
             return
         with self._keeping:
             pem = self.revoked.pem()
             for path in (self._folder / NEWEST_FILE, self._folder / REVOKED_FILE):
-                if not path.exists() or files.read(path) != pem:
+                if not path.exists() or self._is_to_replace(files.read(path), pem):
                     files.write(path, pem)
+
+    def _is_to_replace(self, found: bytes, pem: bytes) -> bool:
+        """Whether a file's content is another list than `pem`, this node's, and no newer one of the fleet."""
+        if found == pem:
+            return False
+        try:
+            return self.read(found).number <= self.revoked.number
+        except ConfigurationError:
+            return True
 
     def _is_signed(self, certificate: Certificate) -> bool:
         """Whether the authority signed a certificate. Verified once, because many messages use the same one."""

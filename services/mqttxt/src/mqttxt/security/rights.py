@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from ..errors import ConfigurationError
-from ..protocol.commands import Command, PlanCommand, SetParameter
+from ..protocol.commands import Command, Mavlink, PlanCommand, SetParameter
 from ..protocol.names import MAX_DRONE
 
 SCHEME = "mqttxt:"
@@ -23,6 +23,8 @@ SET_PARAMETERS = SCHEME + "may/set-parameters"
 OBSERVE = SCHEME + "may/observe"
 _PLAIN = (UPLOAD_PLAN, SET_PARAMETERS, TAKE_OVER, OBSERVE)
 EVERY = "*"
+DO_SET_PARAMETER, PREFLIGHT_STORAGE = 180, 245
+"""MAV_CMDs that set parameters too, or reset all of them."""
 
 
 def parse_numbers(text: str, most: int, what: str) -> frozenset[int]:
@@ -80,7 +82,10 @@ class Rights:
             return command_right(drone)
         if isinstance(command, PlanCommand) and not self.upload_plan:
             return UPLOAD_PLAN
-        return SET_PARAMETERS if isinstance(command, SetParameter) and not self.set_parameters else None
+        sets_parameters = isinstance(command, SetParameter) or (
+            isinstance(command, Mavlink) and command.mav_cmd in (DO_SET_PARAMETER, PREFLIGHT_STORAGE)
+        )
+        return SET_PARAMETERS if sets_parameters and not self.set_parameters else None
 
     def uris(self) -> tuple[str, ...]:
         """The rights as URIs of a certificate."""

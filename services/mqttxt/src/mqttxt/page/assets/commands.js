@@ -166,6 +166,7 @@ export class Commands {
   }
 
   onKey(event) {
+    if (event.key === "Enter" && event.repeat) event.preventDefault(); // it would press the button again
     const isTyping = event.target.matches?.('input:not([type="checkbox"], [type="radio"])');
     const hasModifier = event.ctrlKey || event.altKey || event.metaKey;
     const name = KEYS[event.key.toLowerCase()];
@@ -226,7 +227,7 @@ export class Commands {
     this.page.findPlace();
   }
 
-  update(order) {
+  update(order, at) {
     let shown = this.orders.get(order.number);
     if (shown === undefined) {
       shown = { left: el("p", { class: "left" }), words: el("ol"), line: null };
@@ -234,7 +235,7 @@ export class Commands {
       byId("orders").prepend(shown.line);
       this.orders.set(order.number, shown);
     }
-    shown.order = { ...order, at: performance.now() };
+    shown.order = { ...order, at };
     for (const word of order.words.slice(shown.words.children.length)) {
       const text = el("strong", { class: `word ${word.word.replaceAll(" ", "-")}`, title: word.code }, word.text);
       shown.words.append(el("li", { "data-word": word.word }, text, " ", word.plain));

@@ -13,6 +13,9 @@ import { showRankings } from "./rankings.js";
 import { Sensors } from "./sensors.js";
 
 const AGAIN_MS = 1000;
+const SILENT_MS = 5000; // the program sends an update each second
+const CONNECTED = "connected to the page's program";
+const GONE = "The page's program does not answer. What is shown is old. Trying again …";
 
 class Page {
   constructor() {
@@ -40,17 +43,28 @@ class Page {
       document.documentElement.style.setProperty("--notice", `${notice.offsetHeight}px`);
     }).observe(notice);
     this.connect();
+    setInterval(() => this.checkHeard(), 1000);
   }
 
   connect() {
     this.socket = new WebSocket(`ws://${location.host}/live`);
     this.ahead = -Infinity;
     this.socket.addEventListener("message", (event) => this.hear(JSON.parse(event.data)));
-    this.socket.addEventListener("open", () => this.showConnection("connected to the page's program", true));
+    this.socket.addEventListener("open", () => {
+      this.heard = performance.now();
+      this.showConnection(CONNECTED, true);
+    });
     this.socket.addEventListener("close", () => {
-      this.showConnection("The page's program does not answer. What is shown is old. Trying again …", false);
+      this.showConnection(GONE, false);
       setTimeout(() => this.connect(), AGAIN_MS);
     });
+  }
+
+  // A program or a tunnel that hangs closes no connection.
+  checkHeard() {
+    if (this.socket.readyState !== WebSocket.OPEN) return;
+    const isCurrent = performance.now() - this.heard < SILENT_MS;
+    this.showConnection(isCurrent ? CONNECTED : GONE, isCurrent);
   }
 
   showConnection(text, isConnected) {
@@ -64,8 +78,10 @@ class Page {
     this.ahead = Math.max(this.ahead, update.at_ms - performance.now());
     if (update.hello) this.begin(update.hello);
     if (update.fogs) this.showFogs(update.fogs);
-    if (update.drones) this.hearDrones(update.drones);
-    for (const order of update.orders ?? []) this.commands.update(order);
+    const at = update.at_ms - this.ahead; // when it was sent, by the page's time: it may have waited on its way
+    this.heard = at;
+    if (update.drones) this.hearDrones(update.drones, at);
+    for (const order of update.orders ?? []) this.commands.update(order, at);
     for (const answer of update.answers ?? []) this.hearAnswer(answer);
     if (update.orders) this.map.draw();
     if (update.links) this.links.update(update.links);
@@ -80,8 +96,8 @@ class Page {
   }
 
   begin(hello) {
-    const whose = JSON.stringify(hello.prefixes);
-    if (this.whose !== undefined && this.whose !== whose) location.reload(); // drone 1 is a different drone now
+    const whose = JSON.stringify([hello.names, hello.prefixes, hello.fogs]);
+    if (this.whose !== undefined && this.whose !== whose) location.reload(); // drone 1 may be a different drone now
     this.whose = whose;
     this.names = hello.names;
     this.fleet.begin(Object.keys(hello.names).length > 1);
@@ -110,12 +126,12 @@ class Page {
     if (this.canCommand) this.commands.showTargets();
   }
 
-  hearDrones(drones) {
+  hearDrones(drones, at) {
     let hasChanged = false;
     for (const drone of drones) {
       const key = keyOf(drone);
       const wasMine = this.drones.get(key)?.mine;
-      drone.at = performance.now();
+      drone.at = at;
       this.drones.set(key, drone);
       this.fleet.update(drone);
       this.map.update(drone);

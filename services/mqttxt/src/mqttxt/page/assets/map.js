@@ -3,7 +3,7 @@
 // Only changes are painted. The plan's path and the drawn mission are in metres, so that moving the view changes
 // one transform.
 
-import { byId, keyOf, named, setText, shape } from "./dom.js";
+import { ageMs, byId, keyOf, named, setText, shape } from "./dom.js";
 import { Marks } from "./marks.js";
 import { Tiles } from "./tiles.js";
 
@@ -78,6 +78,7 @@ export class FleetMap {
       this.zoom(event.deltaY < 0 ? 1.2 : 1 / 1.2);
     });
     this.listen();
+    setInterval(() => this.seen.forEach((seen, key) => this.showAge(seen, this.page.drones.get(key))), 1000);
     [this.width, this.height] = [this.svg.clientWidth, this.svg.clientHeight];
     new ResizeObserver(([{ contentRect }]) => {
       [this.width, this.height] = [contentRect.width, contentRect.height]; // reading it in a frame would force a layout
@@ -185,10 +186,17 @@ export class FleetMap {
     seen.place = this.toPlace(location);
     seen.home = drone.states.home === undefined ? null : this.toPlace(drone.states.home);
     seen.arrow.setAttribute("transform", `rotate(${drone.states.heading?.heading_deg ?? 0})`);
-    seen.marker.classList.toggle("stale", !drone.reachable);
+    this.showAge(seen, drone);
     this.extend(seen);
     this.changed.add(seen);
     this.draw();
+  }
+
+  // A position that is too old to go by looks it, as in the table.
+  showAge({ marker }, drone) {
+    const { location } = drone.states;
+    const isOld = location === undefined || ageMs(drone, location) > this.page.staleMs;
+    marker.classList.toggle("stale", isOld || !drone.reachable);
   }
 
   add(key, drone) {

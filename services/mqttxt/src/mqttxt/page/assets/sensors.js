@@ -3,6 +3,7 @@
 import { byId, el, named, setText, shape } from "./dom.js";
 
 const KEPT = 300;
+const MOST_CHARTS = 500;
 const [WIDTH, HEIGHT, EDGE] = [280, 80, 4];
 
 const number = (value) => (Number.isInteger(value) ? `${value}` : value.toPrecision(5));
@@ -24,12 +25,20 @@ export class Sensors {
       chart = { points: [], newest: el("strong"), range: el("small"), line: shape("polyline") };
       const title = `Drone ${named(fleet, drone)}, sensor ${sensor}: ${kind}`;
       const picture = shape("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, "aria-hidden": "true" }, chart.line);
-      byId("sensors").append(el("li", {}, el("span", {}, title), " ", chart.newest, picture, chart.range));
-      this.charts.set(key, chart);
+      chart.item = el("li", {}, el("span", {}, title), " ", chart.newest, picture, chart.range);
+      byId("sensors").append(chart.item);
     }
+    this.charts.delete(key);
+    this.charts.set(key, chart); // in the order of their newest readings
+    if (this.charts.size > MOST_CHARTS) this.drop(this.charts.keys().next().value);
     chart.points.push(...points);
     chart.points.splice(0, Math.max(0, chart.points.length - KEPT));
     this.draw(chart, unit);
+  }
+
+  drop(key) {
+    this.charts.get(key).item.remove();
+    this.charts.delete(key);
   }
 
   draw(chart, unit) {
