@@ -191,7 +191,7 @@ async def test_a_fleet_that_signs_is_flown_and_obeys_nobody_else(tmp_path: Path)
             assert not [topic for topic, _ in witness.heard if topic.endswith("commands_result/disarm")]
             witness.close()
         async with system.station(signed=False) as unsigned:
-            with pytest.raises(FogUnreachable, match=r"its activator signs .*expected --signed"):
+            with pytest.raises(FogUnreachable, match=r"its activator signs .*expected `signed`"):
                 await unsigned.connect([1], timeout_s=2)
         assert [process.stop() for process in system.processes[1:3]] == [0, 0]
     finally:

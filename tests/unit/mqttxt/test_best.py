@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from mqttxt.errors import FogUnreachable
+from mqttxt.core.clock import SessionClock
+from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.protocol.commands import Goto
 from mqttxt.protocol.messages import CommandId, Word
 from mqttxt.protocol.rankings import Candidate, SelectMode
@@ -41,6 +42,7 @@ class Station:
         self.station = self
         self.commands = Commands()
         self.choices = Choices()
+        self.clock = SessionClock()
         self.reserved: dict[int, tuple[int, int]] = {}
         self.tried: dict[int, set[int]] = {}
         self.sent: list[int] = []
@@ -223,3 +225,38 @@ async def test_while_nothing_is_reserved_a_late_offer_is_waited_for() -> None:
     station.offers_s[1] = [0.3]
     await choose(station, ttl_s=0.4)
     assert station.sent == [1]
+
+
+class Suspended(Station):
+    """A station whose machine sleeps for a minute behind each commit: the event loop's clock does not count that."""
+
+    def __init__(self, fogs: dict[int, dict[int, float]], words: dict[int, list[Word]]) -> None:
+        super().__init__(fogs, words)
+        self.slept_ns = 0
+        self.clock = SessionClock(lambda: self.slept_ns)
+
+    def select(self, fog: int, command: Any, mode: SelectMode, *how: Any, **more: Any) -> SentCommand[Any, Any]:
+        if mode is SelectMode.COMMIT:
+            self.slept_ns += 60_000_000_000
+        return super().select(fog, command, mode, *how, **more)
+
+
+async def test_the_time_to_start_goes_on_while_the_machine_sleeps() -> None:
+    station = Suspended(FLEET, {1: [Word.DENIED], 4: FLIES})
+    heard = await choose(station)
+    assert station.sent == [1]
+    assert (heard[-1].word, heard[-1].reason) == (Word.DENIED, "expired")
+    assert station.reserved == {}
+
+
+async def test_empty_lists_whose_denials_are_lost_are_an_answer_all_the_same() -> None:
+    station = Station({1: {}, 2: {}}, {})
+    answer = last_word(await choose(station, ttl_s=0.01))
+    assert (answer.drone, answer.word, answer.reason) == (None, Word.DENIED, "none_eligible")
+
+
+async def test_a_limit_that_no_command_can_have_is_refused_before_any_fog_is_asked() -> None:
+    station = Station(FLEET, {})
+    with pytest.raises(ConfigurationError, match="limit 0 s: expected"):
+        best([(station, 1), (station, 2)], TARGET, 5.0, 0)  # type: ignore[list-item]
+    assert station.reserved == {}

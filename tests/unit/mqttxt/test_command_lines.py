@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import asyncio
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
-from mqttxt import Takeoff, Word
-from mqttxt.cli.advice import line_of, not_there
+from mqttxt import BrokerRefused, ConfigurationError, Outcome, SentCommand, StationEnded, Takeoff, Word
+from mqttxt.cli.advice import follow, line_of, not_there
+from mqttxt.cli.common import errors_as_lines
 from mqttxt.cli.gs import PARAMETERS
 from mqttxt.cli.main import app
 from mqttxt.cli.station import StationOptions
+from mqttxt.station import ground_station
+from mqttxt.station.heard import Record
+from mqttxt.station.outcomes import last_word
 from tests.simulation.page_fleet import FakeStation, outcome
 
 if TYPE_CHECKING:
     from mqttxt.station.views import Fog
 
 FORMS = "mqtt://HOST[:PORT] or mqtts://HOST[:PORT], with a port from 1 to 65535"
-ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
+ADVICE = "not encrypted; expected mqtts:// with --identity, or --insecure"
 
 
 @pytest.mark.parametrize(
@@ -62,7 +68,7 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("uav --drone 1 --broker mqtt://fog.example", f"--broker mqtt://fog.example:1883: {ADVICE}"),
         (
             "uav --drone 1 --broker mqtt-sn://fog.example",
-            "--broker mqtt-sn://fog.example:1883: not encrypted; expected --signed with --identity DIR, or --insecure",
+            "--broker mqtt-sn://fog.example:1883: not encrypted; expected --signed with --identity, or --insecure",
         ),
         (
             "uav --drone 1 --broker mqtt-sn://a:b@127.0.0.1",
@@ -75,7 +81,7 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("gs send arm --cloud mqtt-sn://127.0.0.1", "expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]"),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --fog-broker mqtt://127.0.0.1:1 --air-sn 0.0.0.0:1883",
-            "--air-sn mqtt-sn://0.0.0.0:1883: not encrypted; expected --signed with --identity DIR, or --insecure",
+            "--air-sn mqtt-sn://0.0.0.0:1883: not encrypted; expected --signed with --identity, or --insecure",
         ),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --fog-broker mqtt://127.0.0.1:1 --air-sn 1883",
@@ -162,6 +168,8 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
             "/nope.plan: No such file or directory; expected a file that can be read",
         ),
         ("gs params load /nope.params --drone 1", "No such file or directory; expected a file that can be read"),
+        ("gs params set 'A B' 1 --drone 1", "set_parameter parameter 'A B': expected ASCII letters"),
+        ("gs logs get 1 / --drone 1", "/: expected a file in a folder that exists"),
     ],
 )
 def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(typed: str, said: str) -> None:
@@ -252,6 +260,57 @@ def test_no_broker_is_one_line_that_names_the_options() -> None:
     done = CliRunner().invoke(app, ["gs", "send", "arm", "--cloud", "mqtt://127.0.0.1:1", "--timeout", "0.1"])
     assert done.exit_code == 1
     assert done.stderr.splitlines()[-1].endswith("; expected --cloud (or MQTTXT_CLOUD) and --fog of a running fleet")
+
+
+@pytest.mark.parametrize(
+    ("typed", "wanted"),
+    [
+        ("send arm --drone 3", (3,)),
+        ("send arm", True),
+        ("send goto 1 2 3 --best", True),
+        ("params list --drone 3", (3,)),
+        ("plan clear --drone acme/3", (3,)),
+    ],
+)
+def test_a_command_for_one_drone_wants_control_of_no_other(
+    typed: str, wanted: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another person's command for another drone of the fog would be denied as long as this one lasts."""
+
+    def made(*_: object, control: object, **more: object) -> None:
+        assert control == wanted
+        raise ConfigurationError("not made")
+
+    monkeypatch.setattr(ground_station, "GroundStation", made)
+    done = CliRunner().invoke(app, ["gs", *shlex.split(typed)])
+    assert (done.exit_code, done.stderr) == (2, "mqttxt: not made\n")
+
+
+def test_a_parameter_of_the_library_is_shown_as_the_commands_option(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(typer.Exit), errors_as_lines():
+        raise ConfigurationError("`signed_states`: expected `signed` beside `identity`, and `land` as it is")
+    said = "--signed-states: expected --signed beside --identity, and `land` as it is"
+    assert capsys.readouterr().err == f"mqttxt: {said}\n"
+
+
+@pytest.mark.parametrize("ends", [None, StationEnded("left"), BrokerRefused("refused")])
+async def test_who_gets_no_last_word_is_told_that_the_command_goes_on(
+    ends: Exception | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = Record[Outcome]()
+    following = asyncio.ensure_future(follow(SentCommand(record, last_word)))
+    record.hear(outcome(Word.ACCEPTED))
+    await asyncio.sleep(0)
+    if ends is None:
+        following.cancel()
+    else:
+        record.end(ends)
+    (ended,) = await asyncio.gather(following, return_exceptions=True)
+    assert isinstance(ended, type(ends) if ends is not None else asyncio.CancelledError)
+    printed = capsys.readouterr()
+    assert printed.out == "drone 1: takeoff accepted\n"
+    said = "no last word: a command that was sent goes on; `mqttxt gs send hold` stops a drone"
+    assert printed.err == f"mqttxt: {said}\n"
 
 
 def test_a_word_that_is_as_wished_is_printed_as_it_is() -> None:

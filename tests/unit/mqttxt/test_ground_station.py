@@ -13,9 +13,10 @@ from mqttxt.drone.answers import Unfinished
 from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Command, Goto, Hold, StartMission
-from mqttxt.protocol.control import DroneRecord, Registration
+from mqttxt.protocol.control import Control, DroneRecord, Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
+    CommandId,
     CommandMessage,
     FogPresence,
     FogResultMessage,
@@ -24,7 +25,8 @@ from mqttxt.protocol.messages import (
     RosterEntry,
     Word,
 )
-from mqttxt.station.outcomes import Outcome, Reachability, StateUpdate
+from mqttxt.protocol.rankings import PsmiMessage, SelectMode
+from mqttxt.station.outcomes import ControlChanged, Outcome, Reachability, StateUpdate
 from mqttxt.station.role import StationRole
 from tests.simulation.fogs import of
 from tests.simulation.world import GS_SESSION, World, ack, heartbeat
@@ -36,7 +38,7 @@ FOG = 0x22
 class StationBench:
     """A ground station whose fog is this test."""
 
-    def __init__(self, qos: int = 1, registered: bool = True, control: bool = True, bundles: bool = False) -> None:
+    def __init__(self, qos: int = 1, registered: bool = True, control: Any = True, bundles: bool = False) -> None:
         self.role = StationRole("alpha", GS_SESSION, Settings(qos=qos, bundles=bundles), control=control)
         self.now_ms = 10_000
         self.role.add_fogs([1])
@@ -284,6 +286,92 @@ def test_a_broadcast_whose_roster_was_lost_has_a_last_word_for_each_drone_that_w
     bench.result(Word.ACCEPTED)
     told = [(o.drone, o.word) for o in bench.until(60_000) if isinstance(o, Outcome)]
     assert told == [(1, Word.UNCONFIRMED), (None, Word.UNCONFIRMED)]
+
+
+def select(bench: StationBench, **how: Any) -> Publish:
+    _, (publish,) = bench.role.commands.select(bench.role.fog(1), Goto(1.0, 2.0, 3.0), bench.now_ms, **how)
+    assert isinstance(publish, Publish)
+    return publish
+
+
+def told_of(outputs: list[Any]) -> list[tuple[int | None, Word, str | None]]:
+    return [(o.drone, o.word, o.reason) for o in outputs if isinstance(o, Outcome)]
+
+
+def of_goto(bench: StationBench, drone: int, word: Word) -> list[Any]:
+    message = ResultMessage(gs_session=GS_SESSION, seq=1, session=5, stamp=1, word=word)
+    return bench.hear(f"drone{drone}/commands_result/goto", message)
+
+
+def psmi(bench: StationBench, **fields: Any) -> list[Any]:
+    head = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
+    return bench.hear("PSMI", PsmiMessage(**head, left_out=(), **fields))
+
+
+def test_a_choice_that_every_drone_denies_and_no_activator_ends_is_unconfirmed() -> None:
+    """R7.8: an activator of a later session asked all drones, and does not know whether these are all."""
+    bench = StationBench()
+    select(bench, limit_s=1.0)
+    for drone in (1, 2):
+        of_goto(bench, drone, Word.EXPIRED)
+    assert told_of(bench.until(60_000)) == [(None, Word.UNCONFIRMED, None)]
+    assert not any(pending.is_open for pending in bench.role.commands.pending.values())
+
+
+def test_another_drones_word_does_not_end_a_commit() -> None:
+    """R7.8: the commit's list was lost, and a restarted activator asks every drone; drone 4 may be flying it."""
+    bench = StationBench()
+    select(bench, mode=SelectMode.COMMIT, reservation=9, drone=4)
+    assert told_of(of_goto(bench, 3, Word.EXPIRED)) == []
+    assert told_of(of_goto(bench, 4, Word.ACCEPTED)) == [(4, Word.ACCEPTED, None)]
+    assert told_of(of_goto(bench, 4, Word.COMPLETED)) == [(4, Word.COMPLETED, None)]
+
+
+def test_at_qos_0_a_choice_whose_denial_was_lost_behind_its_empty_list_is_asked_for() -> None:
+    bench = StationBench(qos=0)
+    asked = select(bench)
+    psmi(bench, listed=())
+    assert of(bench.until(13_000), "fog1/commands/goto") == [asked]
+
+
+def test_a_list_says_nothing_of_a_command_that_nobody_chooses_for() -> None:
+    bench = StationBench()
+    bench.send()
+    assert psmi(bench, listed=(), chosen=7) == psmi(bench, listed=(), hold_until_ms=1) == []
+    assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
+    assert not bench.role.commands.pending[CommandId(GS_SESSION, 1)].is_open
+
+
+def test_control_that_goes_to_a_later_session_of_the_same_name_is_told() -> None:
+    """A station with an identity has its name again behind a restart; its earlier session's lease lasts for 30 s."""
+    bench = StationBench()
+    told: list[Any] = []
+    for session in (99, GS_SESSION, GS_SESSION):
+        record = DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="alpha", holder_session=session)
+        told += bench.hear("drone1/reachable", record)
+    assert [(one.holder, one.mine) for one in told if isinstance(one, ControlChanged)] == [
+        ("alpha", False),
+        ("alpha", True),
+    ]
+
+
+def test_a_station_that_wants_some_drones_asks_for_these_alone() -> None:
+    bench = StationBench(registered=False, control=(3, 2))
+    for subscribe in bench.subscribes:
+        bench.role.on_subscribed(subscribe, bench.now_ms)
+    (publish,) = of(bench.hear("reachable", FogPresence(session=FOG, up=True)), "fog1/init_connect")
+    registration = decode(Registration, publish.payload)
+    assert (registration.control, registration.drones) == (Control.WANT, (2, 3))
+    with pytest.raises(ConfigurationError, match="drone 251"):
+        StationBench(control=[251])
+
+
+def test_a_takeover_of_all_drones_is_of_all_also_where_some_are_claimed() -> None:
+    bench = StationBench(control=False)
+    bench.role.claim(1, 2, True, bench.now_ms)
+    (publish,) = bench.role.take_over(1, None, bench.now_ms)
+    assert isinstance(publish, Publish)
+    assert decode(Registration, publish.payload).drones is None
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from mqttxt.protocol.bulk import MOST_BYTES, Have, Making
 from mqttxt.protocol.commands import Arm, SetParameter
 from mqttxt.protocol.logs import LOGS, unpack_logs
 from mqttxt.protocol.plans import hash_of
-from mqttxt.station.log_download import LogDownload
+from mqttxt.station.log_download import LogDownload, _Part
 from mqttxt.station.transfers import Fetching
 from sitl.logs import Log, made_up
 from tests.examples import first_quick
@@ -492,3 +492,14 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     ground.target = tmp_path / "nowhere" / "flight.log"
     with pytest.raises(ConfigurationError, match=r"nowhere/flight\.log: No such file or directory"):
         ground.get(ground.list()[0])
+
+
+def test_a_thread_that_is_late_writes_into_no_other_file(tmp_path: Path) -> None:
+    """A cancelled download closes its file, whose descriptor the next one gets: it may be a connection."""
+    part = _Part(tmp_path / "log", b"h" * 16, 100)
+    part.open()
+    part.close()
+    other = tmp_path / "other"
+    with other.open("wb"), pytest.raises(ConfigurationError):
+        part.write(b"late")
+    assert other.read_bytes() == b""

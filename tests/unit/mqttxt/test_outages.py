@@ -127,7 +127,7 @@ async def test_a_node_without_the_certificate_that_a_broker_demands_ends_at_once
         assert running.done() == (not was_up)
         running.cancel()
         (ended,) = await asyncio.gather(running, return_exceptions=True)
-    said = "the broker demands a certificate of this node; expected an identity (--identity)"
+    said = "the broker demands a certificate of this node; expected an identity (`identity`)"
     if was_up:
         assert link.failure == said
     else:
@@ -135,7 +135,7 @@ async def test_a_node_without_the_certificate_that_a_broker_demands_ends_at_once
         assert str(ended) == f"mqtts://localhost:{port}: {said}"
 
 
-async def test_a_broker_of_an_unknown_authority_is_told_of_with_the_option(tmp_path: Path) -> None:
+async def test_a_broker_of_an_unknown_authority_is_told_of_with_the_parameter(tmp_path: Path) -> None:
     acme = Authority.create(tmp_path / "acme", "acme")
     async with Server(tls=demanding(acme)) as server:
         link = MqttLink("cloud", BrokerAddress("localhost", server.port, tls=True), "one", None, Heard())
@@ -144,4 +144,4 @@ async def test_a_broker_of_an_unknown_authority_is_told_of_with_the_option(tmp_p
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
     assert link.failure is not None
-    assert link.failure.endswith("; a fleet's own broker is known by an identity (--identity)")
+    assert link.failure.endswith("; a fleet's own broker is known by an identity (`identity`)")

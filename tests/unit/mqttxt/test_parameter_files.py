@@ -107,7 +107,7 @@ def test_a_value_that_is_no_number_is_a_line(value: str) -> None:
     result = CliRunner().invoke(app, ["gs", "params", "set", "MPC_XY_CRUISE", value, "--drone", "1"])
     assert (result.exit_code, result.stderr) == (
         2,
-        f"mqttxt: MPC_XY_CRUISE: expected a finite number, got '{value}'\n",
+        f"mqttxt: set_parameter value '{value}': expected a finite number\n",
     )
 
 

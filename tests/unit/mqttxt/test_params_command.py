@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from mqttxt import CommandId, Outcome, Parameter, Parameters, ParameterType, Word
+from mqttxt import CommandId, Outcome, Parameter, Parameters, ParameterType, SetParameter, Word
 from mqttxt.cli import station
 from mqttxt.cli.common import run_coroutine
 from mqttxt.cli.main import app
@@ -19,7 +19,7 @@ REAL32, INT32 = ParameterType.REAL32, ParameterType.INT32
 class Drone:
     """Parameters in a dictionary; `denied` are names that it does not set. `asked` is what a station had already."""
 
-    fog, number = 1, 3
+    fog, number, prefix = 1, 3, ""
 
     def __init__(self) -> None:
         self.set = ParameterSet.of(
@@ -31,6 +31,9 @@ class Drone:
     async def parameters(self, known: Parameters | None = None) -> Parameters:
         self.asked.append(known)
         return known if known is not None and known.content.hash == self.set.hash else Parameters(self.set)
+
+    async def send(self, command: SetParameter) -> Outcome:
+        return await self.set_parameter(command.parameter, command.value)
 
     async def set_parameter(self, name: str, value: float, **_: float) -> Outcome:
         word, reason = (Word.DENIED, "parameter_not_enabled") if name in self.denied else (Word.COMPLETED, None)
@@ -79,6 +82,15 @@ def test_what_was_fetched_before_is_said_to_be_known(drone: Drone, tmp_path: Pat
     typed("list")
     assert drone.asked[-1] is None
     assert Parameters(ParameterSet.unpacked(kept.read_bytes())) == Parameters(drone.set)
+
+
+def test_what_is_kept_of_a_drone_is_of_its_fleet(drone: Drone, tmp_path: Path) -> None:
+    for prefix in ("acme/", "acme/north/", ""):
+        drone.prefix = prefix
+        typed("list")
+    assert drone.asked == [None] * 3
+    kept = {path.name for path in (tmp_path / "cache" / "mqttxt" / "parameters").iterdir()}
+    assert kept == {"acme%2Ffog1-drone3", "acme%2Fnorth%2Ffog1-drone3", "fog1-drone3"}
 
 
 def test_what_a_full_disk_does_not_keep_is_printed_all_the_same(

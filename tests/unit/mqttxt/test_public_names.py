@@ -58,6 +58,7 @@ PUBLIC = {
             "number",
             "is_reachable",
             "location",
+            "prefix",
             "readings",
             "state",
             "states",

@@ -179,7 +179,7 @@ def test_a_sensor_signs_and_believes_drones_alone() -> None:
 
 
 def test_readings_are_signed_only_beside_all_else() -> None:
-    with pytest.raises(ConfigurationError, match="--signed-readings: expected --signed beside it"):
+    with pytest.raises(ConfigurationError, match="`signed_readings`: expected `signed` beside it"):
         Transport().seal(signed=False, signed_readings=True)
 
 

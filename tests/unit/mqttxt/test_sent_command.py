@@ -28,7 +28,10 @@ from mqttxt import (
     Takeoff,
     Word,
 )
+from mqttxt.cli import advice
+from mqttxt.core.clock import Beacon, RemoteClock, SessionClock
 from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.errors import SigningDiffers
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.control import DroneRecord, Registration
 from mqttxt.protocol.messages import (
@@ -42,6 +45,7 @@ from mqttxt.protocol.messages import (
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.security.cose import Envelope
+from mqttxt.station.drone_view import HeardState
 
 SESSION = 0x22
 NEAR = Goto(47.4, 8.5, 20)
@@ -58,6 +62,7 @@ class Field:
         self.address = "mqtt://127.0.0.1:1"
         self.failure: str | None = None
         self.published: list[Publish] = []
+        self.given_up: list[str] = []
         self.runner.connected("cloud")
         self.runner.carry_out(self.runner.station.add_fogs(fogs))
         for fog in fogs:
@@ -76,6 +81,9 @@ class Field:
 
     async def close(self) -> None:
         """The broker has taken everything already."""
+
+    def give_up(self, reason: str) -> None:
+        self.given_up.append(reason)
 
     def publish(self, effect: Publish) -> None:
         self.published.append(effect)
@@ -271,6 +279,21 @@ async def test_some_drones_of_a_fog_are_taken_over_by_its_fog_and_by_the_station
         assert [registration.drones for registration in taken][:1] == [(2, 3)]
 
 
+async def test_a_drone_of_which_only_an_old_record_is_there_keeps_no_takeover_waiting() -> None:
+    field = Field(1)
+    field.hear("fog1/drone3/reachable", DroneRecord(activator_session=7, up=True, drone_session=4))
+    field.hear("fog1/drone1/reachable", DroneRecord(activator_session=SESSION, up=True, drone_session=5))
+    taking = asyncio.ensure_future(field.fog().take_over(timeout_s=5))
+    await turns()
+    mine = DroneRecord(
+        activator_session=SESSION, up=True, drone_session=5, holder="alpha", holder_session=field.gs.session, epoch=1
+    )
+    field.hear("fog1/drone1/reachable", mine)
+    await turns(10)
+    assert taking.done()
+    await taking
+
+
 async def test_before_connect_every_call_gives_its_documented_error() -> None:
     gs = GroundStation("mqtt://127.0.0.1:1")
     with pytest.raises(FogUnreachable, match="no fog is connected; goto was not sent"):
@@ -322,6 +345,44 @@ async def test_a_state_comes_by_its_type_with_its_age() -> None:
     assert set(drone.states) == {"location"}
 
 
+def state_of_a_clock_that_is_not_known(received_ms: int) -> HeardState:
+    """Said at 1 s of the relay's clock, and heard before the station's question was answered."""
+    return HeardState(StampedState(Location(47.4, 8.5, 500.0, 12.0), 100, 100), received_ms, RemoteClock(SESSION))
+
+
+def test_a_state_whose_age_is_asked_for_late_is_no_younger_than_its_arrival() -> None:
+    """Stamps come round after 655.36 s."""
+    known = state_of_a_clock_that_is_not_known(received_ms=1000)
+    assert known.clock is not None
+    assert known.age_ms(1000) is None
+    known.clock.observe(Beacon(SESSION, 1500, 7, 0), 1500, 1490)
+    for asked_ms in (661_000, 700_000):
+        age_ms = known.age_ms(asked_ms)
+        assert age_ms is not None
+        assert asked_ms - 1000 <= age_ms < asked_ms + 2000
+
+
+async def test_what_waited_while_the_process_stood_still_for_minutes_is_not_taken() -> None:
+    """Stamps would give it the age and the order of a new state."""
+    field = Field(1)
+    field.runner.ticked_ms -= 200_000
+    payload = encode_state(StampedState(Location(47.4, 8.5, 500.0, 12.0), 0, 0), Encoding.CBOR)
+    field.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+    assert field.given_up == ["this process stood still, and what it has received is old"]
+    assert field.fog().drone(1).states == {}
+
+
+async def test_a_drone_is_not_reachable_while_nothing_is_heard_of_its_fog() -> None:
+    """A program may ask before its station, which stood still, has noticed."""
+    field = Field(1)
+    field.hear("fog1/drone1/reachable", DroneRecord(activator_session=SESSION, up=True, drone_session=5))
+    drone = field.fog().drone(1)
+    assert drone.is_reachable
+    times_ns = [0, (field.runner.clock.now_ms() + 40_000) * 1_000_000]
+    field.runner.clock = SessionClock(lambda: times_ns.pop(0))
+    assert not drone.is_reachable
+
+
 async def test_connect_names_what_each_fog_lacks() -> None:
     field = Field(1)
     view = field.runner.station.fogs[1]
@@ -331,7 +392,7 @@ async def test_connect_names_what_each_fog_lacks() -> None:
     birth = FogPresence(session=7, up=True)
     plain, signed = encode(birth), Envelope(encode(birth), bytes(4), bytes(64)).encode()
     field.runner.received("cloud", Inbound("fog1/reachable", signed))
-    advice = "does not; expected --signed beside --identity"
+    advice = "does not; expected `signed` beside `identity`"
     assert field.runner.missing(view) == f"its activator signs messages and this station {advice}"
     field.runner.received("cloud", Inbound("fog1/reachable", plain))
     assert view.up
@@ -342,6 +403,20 @@ async def test_connect_names_what_each_fog_lacks() -> None:
     field.runner.disconnected("cloud")
     field.failure = "Connection refused"
     assert field.runner.missing(view) == "no connection to mqtt://127.0.0.1:1 (Connection refused)"
+
+
+async def test_a_fog_that_signs_is_told_from_one_that_is_not_there() -> None:
+    """By its type: the command adds no advice about addresses then."""
+    field = Field(1)
+    field.hear("fog1/reachable", FogPresence(session=SESSION, up=False))
+    signed = Envelope(encode(FogPresence(session=7, up=True)), bytes(4), bytes(64)).encode()
+    field.runner.received("cloud", Inbound("fog1/reachable", signed))
+    async with field.gs:
+        with pytest.raises(SigningDiffers, match="this station does not; expected `signed` beside `identity`"):
+            await field.gs.connect([1], 0.01)
+        with pytest.raises(SigningDiffers) as told:
+            await advice.connect(field.gs, {"": [1]}, 0.01)
+    assert "--cloud" not in str(told.value)
 
 
 @pytest.mark.long
@@ -422,6 +497,8 @@ async def test_who_waits_for_a_command_hears_that_the_station_was_left_and_a_lat
         await field.gs.take_over(1)
     with pytest.raises(StationEnded):
         await field.gs.__aenter__()
+    with pytest.raises(StationEnded):
+        await field.gs.connect([1])
     assert [event async for event in field.gs.events()] == []
     assert len(field.sent) == 1
 
@@ -440,3 +517,26 @@ async def test_a_choice_releases_what_it_holds_when_the_station_is_left() -> Non
     ]
     with pytest.raises(StationEnded):
         await sent
+
+
+# Other threads and event loops
+
+
+async def test_another_thread_or_loop_is_refused_and_nothing_is_sent() -> None:
+    """A wait there would never be woken, and a command could leave amid another one's bytes."""
+    field = Field(1)
+    drone = field.fog().drone(1)
+
+    async def in_another_loop() -> None:
+        drone.takeoff(10)
+
+    async def waits_there() -> None:
+        await field.gs.wait_until(lambda: False, 60)
+
+    async with field.gs:
+        for call in (drone.land, lambda: asyncio.run(in_another_loop()), lambda: asyncio.run(waits_there())):
+            with pytest.raises(ConfigurationError, match="another thread or event loop; expected the one that entered"):
+                await asyncio.to_thread(call)
+        assert field.sent == []
+        drone.land()
+    assert len(field.sent) == 1

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from mqttxt.activator.drone_link import DroneLink
 from mqttxt.activator.role import Activator
 from mqttxt.cli.uav import _own_fog
 from mqttxt.core.effects import Inbound, Log, Publish, Stop
@@ -28,7 +29,16 @@ from mqttxt.station.ground_station import GroundStation
 from tests.examples import examples
 from tests.simulation.signed import kinds, last_sent, outcomes, said, to_drone
 from tests.simulation.signing import seal
-from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, heartbeat, landed, position
+from tests.simulation.world import (
+    FOG_SESSION,
+    GS_SESSION,
+    UAV_SESSION,
+    World,
+    command_payload,
+    heartbeat,
+    landed,
+    position,
+)
 
 # Births, presence, beacons.
 
@@ -245,13 +255,26 @@ def test_a_commit_is_signed_for_the_drone_that_was_offered(world: World) -> None
     assert forwarded.signature == Addressed.parse(last_sent(world, "fog1/commands/goto").payload).entries[1].signature
 
 
+def test_a_commit_of_an_earlier_session_is_asked_of_the_drone_alone_that_it_is_signed_for(world: World) -> None:
+    """That nothing is signed for the others is no word of the one that may be flying."""
+    role = world.activator
+    role.drones.were_shown = True
+    role.drones.links[2] = DroneLink(2)
+    signed = seal("gs-g").sign("drone2/commands", encode(command_payload(TARGET, seq=50)))
+    commit = Addressed(0x99, world.now_ms + 5000, {2: signed}, reservation=49).encode()
+    out = role.on_message("cloud", Inbound("fog1/commands/goto", commit, 1), world.now_ms)
+    assert [effect for effect in out if isinstance(effect, Publish)] == []
+    (entry,) = role.relay.ledger.open_entries()
+    assert list(entry.record.legs) == [2]
+
+
 # What is set where the node is.
 
 
 def test_signing_takes_an_identity_and_a_drone_its_fog() -> None:
-    with pytest.raises(ConfigurationError, match="--signed: expected --identity DIR beside it"):
+    with pytest.raises(ConfigurationError, match="`signed`: expected `identity` beside it"):
         Transport().seal(True)
-    with pytest.raises(ConfigurationError, match="--signed: expected --identity DIR beside it"):
+    with pytest.raises(ConfigurationError, match="`signed`: expected `identity` beside it"):
         GroundStation("mqtt://127.0.0.1", signed=True)
     with pytest.raises(ConfigurationError, match="--signed: expected --fog X"):
         _own_fog(None, True)

@@ -133,7 +133,7 @@ def test_before_a_beacon_no_state_is_heard() -> None:
 
 
 def test_states_are_signed_only_beside_all_else() -> None:
-    with pytest.raises(ConfigurationError, match="--signed-states: expected --signed beside it"):
+    with pytest.raises(ConfigurationError, match="`signed_states`: expected `signed` beside it"):
         Transport().seal(False, True)
-    with pytest.raises(ConfigurationError, match="--signed-states: expected --signed beside it"):
+    with pytest.raises(ConfigurationError, match="`signed_states`: expected `signed` beside it"):
         GroundStation("mqtt://127.0.0.1", signed_states=True)

@@ -13,6 +13,7 @@ from mqttxt import Drone
 from mqttxt.cli import station
 from mqttxt.cli.main import app
 from mqttxt.cli.station import DroneOptions, StationOptions
+from mqttxt.core.clock import SessionClock
 from mqttxt.core.effects import Inbound, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.protocol.codec import decode, encode
@@ -33,10 +34,12 @@ class Station:
     """An entered station with one fog, which says the test's records of drone 1 one after another while it waits."""
 
     name, fleet = "gs-own", ""
+    clock = SessionClock(lambda: 0)
 
     def __init__(self, *records: DroneRecord) -> None:
         self.records = [*records]
         self.role = StationRole(self.name, OWN, Settings())
+        self.station = self.role
         self.role.add_fogs([1])
         for effect in self.role.on_connected("cloud", 0):
             if isinstance(effect, Subscribe):

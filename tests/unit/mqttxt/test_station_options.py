@@ -39,7 +39,7 @@ STATIONS = [
 OPTIONS = {
     "--cloud x": ("MQTTXT_CLOUD", "--cloud 'x': expected mqtt://HOST[:PORT]"),
     "--identity /nowhere": ("MQTTXT_IDENTITY", "identity /nowhere: no such folder"),
-    "--signed": ("MQTTXT_SIGNED", "--signed: expected --identity DIR beside it"),
+    "--signed": ("MQTTXT_SIGNED", "--signed: expected --identity beside it"),
     "--signed-states": ("MQTTXT_SIGNED_STATES", "--signed-states: expected --signed beside it"),
     "--signed-readings": ("MQTTXT_SIGNED_READINGS", "--signed-readings: expected --signed beside it"),
     "--insecure --cloud mqtt://x --timeout 0": ("MQTTXT_INSECURE", "--timeout 0: expected more than 0 s"),

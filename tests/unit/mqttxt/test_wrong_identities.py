@@ -185,7 +185,7 @@ def test_unencrypted_means_loopback_or_insecure(url: str, insecure: bool, is_all
     if is_allowed:
         assert Transport(None, insecure).check(address, "--cloud") == address
     else:
-        with pytest.raises(ConfigurationError, match="not encrypted; expected mqtts:// with --identity DIR, or --ins"):
+        with pytest.raises(ConfigurationError, match="not encrypted; expected mqtts:// with `identity`, or `ins"):
             Transport(None, insecure).check(address, "--cloud")
 
 
@@ -194,7 +194,7 @@ def test_datagrams_with_an_identity_are_for_a_fleet_that_signs(tmp_path: Path) -
     transport = Transport.of(acme.issue("drone1"), False, "drone1")
     address = BrokerAddress.parse("mqtt-sn://fog.example", datagrams=True)
     assert transport.check(address, "--broker", signed=True) == address
-    with pytest.raises(ConfigurationError, match="not encrypted; expected --signed beside --identity"):
+    with pytest.raises(ConfigurationError, match="not encrypted; expected `signed` beside `identity`"):
         transport.check(address, "--broker")
 
 
@@ -221,7 +221,7 @@ async def test_a_station_of_the_api_has_the_name_of_its_identity(tmp_path: Path)
     for options, said in (
         ({"identity": drone}, "the identity of drone1; expected a station's"),
         ({"identity": ops, "name": "other"}, "the identity of gs-ops; expected that of gs-other"),
-        ({"identity": ops, "insecure": True}, "--insecure: expected none beside --identity"),
+        ({"identity": ops, "insecure": True}, "`insecure`: expected none beside `identity`"),
     ):
         with pytest.raises(ConfigurationError, match=said):
             GroundStation("mqtts://localhost", **options)  # type: ignore[arg-type]

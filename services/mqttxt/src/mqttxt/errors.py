@@ -9,6 +9,7 @@ MqttxtError
 ├── TransportError         a broker or an autopilot link that refuses or is lost
 │   └── BrokerRefused      the broker refused a connection or a subscription for good
 ├── FogUnreachable         no live activator answered a ground station in time
+│   └── SigningDiffers     an activator signs messages and the station does not, or the reverse
 ├── TransferFailed         a drone did not store, or not deliver, an object such as a plan
 ├── StationEnded           the ground station that was waited for has ended
 ├── PartEnded              a process of the demo has ended by itself
@@ -90,6 +91,10 @@ class BrokerRefused(TransportError):
 
 class FogUnreachable(MqttxtError):
     """No live activator answered a ground station in time."""
+
+
+class SigningDiffers(FogUnreachable):
+    """An activator signs messages and the ground station does not, or the reverse."""
 
 
 class TransferFailed(MqttxtError):

@@ -9,13 +9,15 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+import typer
 from typer.core import TyperGroup
 
-from ..errors import ConfigurationError, FogUnreachable, NotInControl
+from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, NotInControl, SigningDiffers, StationEnded
 
 if TYPE_CHECKING:
     from ..station.fleets import Fleets
     from ..station.ground_station import GroundStation
+    from ..station.heard import SentCommand
     from ..station.outcomes import Outcome, PsmiList
     from ..station.views import Fog
 
@@ -46,6 +48,26 @@ def line_of(said: Outcome | PsmiList) -> str:
     return f"{said}. {in_plain_english(said)}{' --take-over takes control from it.' if holder else ''}"
 
 
+@contextlib.contextmanager
+def told_without_last_word() -> Iterator[None]:
+    """Say, where Ctrl-C, SIGTERM or the end of the station ends the wait for a command, that it goes on."""
+    import asyncio
+
+    try:
+        yield
+    except (asyncio.CancelledError, BrokerRefused, StationEnded):
+        said = "no last word: a command that was sent goes on; `mqttxt gs send hold` stops a drone"
+        typer.echo(f"mqttxt: {said}", err=True)
+        raise
+
+
+async def follow(sent: SentCommand[Any, Any]) -> None:
+    """Print each word about a command, up to the last."""
+    with told_without_last_word():
+        async for said in sent:
+            typer.echo(line_of(said))
+
+
 async def connect(station: GroundStation | Fleets, fogs: Mapping[str, list[int]], timeout_s: float) -> list[Fog]:
     """A station's `connect`, with fogs by fleet; its error also names the command's options."""
     from ..station.ground_station import GroundStation
@@ -54,9 +76,9 @@ async def connect(station: GroundStation | Fleets, fogs: Mapping[str, list[int]]
         if isinstance(station, GroundStation):
             return await station.connect([number for numbers in fogs.values() for number in numbers], timeout_s)
         return await station.connect(fogs, timeout_s)
+    except SigningDiffers:
+        raise
     except FogUnreachable as error:
-        if "--signed" in str(error):
-            raise
         raise FogUnreachable(f"{error}; expected --cloud (or MQTTXT_CLOUD) and --fog of a running fleet") from None
 
 

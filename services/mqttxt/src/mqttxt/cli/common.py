@@ -44,6 +44,7 @@ SignedReadings = Annotated[bool, typer.Option("--signed-readings", help=SIGNED_R
 Insecure = Annotated[bool, typer.Option("--insecure", help=INSECURE_HELP)]
 
 _RANGE = re.compile("([0-9]{1,9})-([0-9]{1,9})")
+_PARAMETER = re.compile("`(identity|insecure|signed|signed_readings|signed_states)`")
 
 AuditPath = Annotated[
     Path | None,
@@ -58,6 +59,11 @@ AuditRequired = Annotated[
 ]
 
 
+def as_options(text: str) -> str:
+    """A text of the library, in which parameters that are options too are named as these: `identity` as --identity."""
+    return _PARAMETER.sub(lambda found: f"--{found[1].replace('_', '-')}", text)
+
+
 @contextlib.contextmanager
 def errors_as_lines() -> Iterator[None]:
     """Print an MqttxtError as its lines, mostly one, on stderr, and exit with its code."""
@@ -65,7 +71,7 @@ def errors_as_lines() -> Iterator[None]:
         yield
     except MqttxtError as error:
         for line in error.lines:
-            typer.echo(printable(f"mqttxt: {line}"), err=True)
+            typer.echo(printable(f"mqttxt: {as_options(line)}"), err=True)
         raise typer.Exit(error.exit_code) from None
 
 
@@ -101,10 +107,10 @@ def numbers_of(text: str, most: int, what: str) -> frozenset[int]:
 
 
 class _Lines(logging.Formatter):
-    """Keeps a message to one line, whatever received texts it has."""
+    """Keeps a message to one line, whatever received texts it has, and names options."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        record.message = printable(record.message)
+        record.message = printable(as_options(record.message))
         return super().formatMessage(record)
 
 

@@ -13,7 +13,7 @@ from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
 from ..protocol.names import check_prefix, check_root
 from ..protocol.topics import SELECTABLE
-from .advice import GroundStationCommands, connect, line_of, not_there
+from .advice import GroundStationCommands, connect, follow, not_there
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
 from .station import IDENTITY, Cloud, FogNumbers, Prefix, StationOptions, Timeout, of_a_station
 
@@ -129,7 +129,8 @@ def send(
         if drone is not None:
             fleet, place, number = options.place_of(drone, names[0])
             places = {fleet: [place]}
-        async with options.joined(places, settings(qos, json)) as station:
+        wants: bool | tuple[int] = True if number is None else (number,)
+        async with options.joined(places, settings(qos, json), wants) as station:
             fogs = await connect(station, places, options.timeout)
             if take_over:
                 for there in fogs:
@@ -141,8 +142,7 @@ def send(
                 sent = fogs[0].broadcast(wanted, ttl_s=ttl, limit_s=limit)
             else:
                 sent = fogs[0].drone(number).send(wanted, ttl_s=ttl, limit_s=limit)
-            async for said in sent:
-                typer.echo(line_of(said))
+            await follow(sent)
             answer = await sent
             unknown = None if number is None else not_there(fogs[0], number)
         if answer == ():

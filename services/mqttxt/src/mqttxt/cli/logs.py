@@ -46,7 +46,7 @@ def get(
     """Write a log into a file, and say how far it is; what broke off goes on where it was."""
     if most_kib_s < LEAST_KIB_S:
         raise ConfigurationError(f"--most-kib-s {most_kib_s}: expected {LEAST_KIB_S} or more")
-    if not file.parent.is_dir():
+    if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError(f"{file}: expected a file in a folder that exists")
 
     async def job(there: Drone) -> int:

@@ -11,7 +11,7 @@ from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.codec import layout_of
 from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
-from ..protocol.fields import FLOAT32_MAX, Binary, Finite, Integer, Scaled, Text
+from ..protocol.fields import FLOAT32_MAX, Binary, Finite, Integer, Name, Scaled, Text
 from ..protocol.messages import Limit
 from ..protocol.values import mark_of
 
@@ -90,6 +90,8 @@ def _value(name: str, field: str, mark: Any, text: str) -> Any:
     if isinstance(mark, Text):
         if not 0 < len(text) <= mark.longest:
             raise ConfigurationError(f"{name} {field} {text!r}: expected 1 to {mark.longest} characters")
+        if isinstance(mark, Name) and not re.fullmatch(mark.pattern, text):
+            raise ConfigurationError(f"{name} {field} {text!r}: expected ASCII letters, digits, _, . and -")
         return text
     if isinstance(mark, Binary):
         if not re.fullmatch(rf"([0-9a-fA-F]{{2}}){{{mark.least},{mark.most}}}", text):

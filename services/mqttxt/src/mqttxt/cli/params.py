@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import logging
-import math
 import os
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+from urllib.parse import quote
 
 import typer
 
 from ..errors import ConfigurationError, PayloadError
+from .advice import told_without_last_word
 from .common import readable_expected
 from .station import Job, with_a_drone
 
@@ -68,10 +69,13 @@ def set_(
     value: Annotated[str, typer.Argument(help="The number to set it to; behind -- where it is negative.")],
 ) -> Job:
     """Set a parameter; exit code 0 only if the drone read it back as that value."""
-    number = _number(name, value)
+    from .parameters import parse_command
+
+    command = parse_command("set_parameter", [name, value])
 
     async def job(there: Drone) -> int:
-        last = await there.set_parameter(name, number)
+        with told_without_last_word():
+            last = await there.send(command)
         typer.echo(str(last))
         return 0 if last.completed else 1
 
@@ -147,7 +151,8 @@ async def _set_all(there: Drone, wanted: Sequence[Parameter]) -> int:
         some = wanted[first : first + AT_ONCE]
         sent = [there.set_parameter(one.name, one.value or 0, ttl_s=TTL_S, limit_s=AT_ONCE * 30.0) for one in some]
         for one, command in zip(some, sent, strict=True):
-            last = await command
+            with told_without_last_word():
+                last = await command
             done += last.completed
             typer.echo(f"{one.name} {one}: {last}")
     typer.echo(f"{done} of {len(wanted)} parameters were set")
@@ -160,7 +165,7 @@ async def _fetched(there: Drone) -> Parameters:
     from ..station.parameters import Parameters
 
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    path = Path(cache) / "mqttxt" / "parameters" / f"fog{there.fog}-drone{there.number}"
+    path = Path(cache) / "mqttxt" / "parameters" / f"{quote(there.prefix, safe='')}fog{there.fog}-drone{there.number}"
     known = None
     try:
         known = Parameters(ParameterSet.unpacked(path.read_bytes()))
@@ -183,13 +188,3 @@ def _loaded(path: Path) -> Parameters:
 
     with readable_expected():
         return Parameters.load(path)
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise ConfigurationError(f"{name}: expected a finite number, got {text[:40]!r}")
-    return number

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .advice import connect, line_of
+from .advice import connect, follow, line_of, told_without_last_word
 from .common import readable_expected, run_coroutine, set_up_logging
 from .station import DroneNumber, FogNumber, Job, StationOptions, of_a_station, with_a_drone
 
@@ -33,7 +33,8 @@ def upload(file: File) -> Job:
     plan = _loaded(file)
 
     async def job(there: Drone) -> int:
-        outcome = await there.upload(plan)
+        with told_without_last_word():
+            outcome = await there.upload(plan)
         typer.echo(line_of(outcome))
         return 0 if outcome.completed else 1
 
@@ -116,8 +117,7 @@ def _loaded(path: Path) -> Plan:
 
 async def _followed(sent: SentCommand[Outcome, Outcome]) -> int:
     """Print each word; returns the exit code."""
-    async for said in sent:
-        typer.echo(line_of(said))
+    await follow(sent)
     return 0 if (await sent).completed else 1
 
 

@@ -6,7 +6,7 @@ import contextlib
 import functools
 import inspect
 import secrets
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Collection, Iterable
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -48,6 +48,8 @@ FogNumbers = Annotated[
     typer.Option("--fog", help="A fog's number, or FLEET/NUMBER, as acme/1; may be given several times."),
 ]
 TakeOver = Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")]
+Control = bool | Collection[int]
+"""As that of a ground station."""
 Job = Callable[[Any], Awaitable[int]]
 """Takes a `Drone`, carries out the subcommand with it, and returns the exit code."""
 
@@ -92,7 +94,7 @@ class StationOptions:
         return fleet or own, number
 
     def joined(
-        self, fleets: Iterable[str], settings: Settings | None = None, control: bool = True
+        self, fleets: Iterable[str], settings: Settings | None = None, control: Control = True
     ) -> GroundStation | Fleets:
         """A station in one fleet or in several, not entered yet; raises ConfigurationError."""
         names = [*fleets]
@@ -104,7 +106,7 @@ class StationOptions:
         return Fleets(*(self.station(fleet, settings, control, name) for fleet in names))
 
     def station(
-        self, fleet: str, settings: Settings | None = None, control: bool = True, name: str | None = None
+        self, fleet: str, settings: Settings | None = None, control: Control = True, name: str | None = None
     ) -> GroundStation:
         """The ground station of a fleet (empty: no prefix), not entered yet; raises ConfigurationError."""
         from ..station.ground_station import GroundStation
@@ -161,12 +163,12 @@ def with_a_drone(command: Callable[..., Job]) -> Callable[..., None]:
 
 
 def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> None:
-    """Run a job with a drone after waiting, up to the timeout, for control of it."""
+    """Run a job with a drone after waiting, up to the timeout, for control of it, and of no other drone."""
     set_up_logging(verbose=False)
 
     async def with_drone() -> int:
         fleet, place, number = options.place_of(which.drone, which.fog)
-        async with options.station(fleet) as station:
+        async with options.station(fleet, None, (number,)) as station:
             (fog,) = await connect(station, {fleet: [place]}, options.timeout)
             there = fog.drone(number)
             if which.take_over:

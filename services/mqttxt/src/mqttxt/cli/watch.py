@@ -16,6 +16,7 @@ from ..protocol.names import MAX_DRONE, in_fleet
 from ..protocol.states import Armed, Battery, FlightMode, Groundspeed, Heading, Health, LandedState
 from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
+from ..station.heard import EventStream
 from ..station.views import Drone, Fog
 
 REFRESH_S = 0.5
@@ -24,7 +25,7 @@ SHOWN = frozenset({"armed", "battery", "flight_mode", "heading", "landed_state",
 
 
 async def watch_fogs(station: GroundStation | Fleets, fogs: list[Fog], console: Console) -> None:
-    """Draw the table twice per second until cancelled; without a terminal, print it once."""
+    """Draw the table twice per second until the station ends; without a terminal, print it once."""
     if not console.is_terminal:
         known = [drone for fog in fogs for drone in fog.drones]
         with contextlib.suppress(TimeoutError):
@@ -38,10 +39,21 @@ async def watch_fogs(station: GroundStation | Fleets, fogs: list[Fog], console: 
         wide = Console(width=180, file=console.file)
         wide.print(everything(fogs))
         return
-    with Live(everything(fogs), console=console, auto_refresh=False) as live:
-        while True:
-            await asyncio.sleep(REFRESH_S)
-            live.update(everything(fogs), refresh=True)
+    ended = asyncio.create_task(_end_of(station.events()))
+    try:
+        with Live(everything(fogs), console=console, auto_refresh=False) as live:
+            while not ended.done():
+                await asyncio.wait({ended}, timeout=REFRESH_S)
+                live.update(everything(fogs), refresh=True)
+        await ended
+    finally:
+        ended.cancel()
+
+
+async def _end_of(events: EventStream) -> None:
+    """Wait until a station's events end; raises the error that ended it."""
+    async for _ in events:
+        pass
 
 
 def everything(fogs: list[Fog]) -> Group:

@@ -73,7 +73,7 @@ class AuditLog:
                 ) from error
             self._fail(error)
         if self._seal is None:
-            logger.warning("audit log %s: not signed without --identity: who can write the file can change it", path)
+            logger.warning("audit log %s: not signed without `identity`: who can write the file can change it", path)
 
     def takes(self) -> bool:
         """Whether a record made now would be kept: the last write succeeded, and the queue is less than half full."""

@@ -1,4 +1,7 @@
-"""How a node's connections are protected: by its identity, or, only on request, not at all."""
+"""How a node's connections are protected: by its identity, or, only on request, not at all.
+
+Errors name parameters, as `identity`; the command shows them as its options.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ class Transport:
 
     def __post_init__(self) -> None:
         if self.identity is not None and self.insecure:
-            raise ConfigurationError("--insecure: expected none beside --identity")
+            raise ConfigurationError("`insecure`: expected none beside `identity`")
 
     @classmethod
     def of(cls, folder: Path | None, insecure: bool, name: str) -> Self:
@@ -34,18 +37,18 @@ class Transport:
 
         identity = Identity.load(folder)
         if identity.name != name:
-            raise ConfigurationError(f"--identity {folder}: the identity of {identity.name}; expected that of {name}")
+            raise ConfigurationError(f"`identity` {folder}: the identity of {identity.name}; expected that of {name}")
         return cls(identity, insecure)
 
     def seal(self, signed: bool, signed_states: bool = False, signed_readings: bool = False) -> Seal | None:
         """The seal with which this node signs, None if it does not; raises ConfigurationError without an identity."""
-        for option, is_given in (("--signed-states", signed_states), ("--signed-readings", signed_readings)):
+        for parameter, is_given in (("signed_states", signed_states), ("signed_readings", signed_readings)):
             if is_given and not signed:
-                raise ConfigurationError(f"{option}: expected --signed beside it")
+                raise ConfigurationError(f"`{parameter}`: expected `signed` beside it")
         if not signed:
             return None
         if self.identity is None:
-            raise ConfigurationError("--signed: expected --identity DIR beside it")
+            raise ConfigurationError("`signed`: expected `identity` beside it")
         from ..security.seal import Seal
 
         return Seal(self.identity, signed_states, signed_readings)
@@ -59,15 +62,15 @@ class Transport:
         """
         if address.datagrams and self.identity is not None:
             if not signed:
-                raise ConfigurationError(f"{option} {address}: not encrypted; expected --signed beside --identity")
+                raise ConfigurationError(f"{option} {address}: not encrypted; expected `signed` beside `identity`")
             return address
         if address.tls:
             return address
         if self.identity is not None:
-            raise ConfigurationError(f"{option} {address}: not encrypted; expected mqtts:// beside --identity")
+            raise ConfigurationError(f"{option} {address}: not encrypted; expected mqtts:// beside `identity`")
         if not (address.is_loopback or self.insecure):
-            how = "--signed" if address.datagrams else "mqtts://"
+            how = "`signed`" if address.datagrams else "mqtts://"
             raise ConfigurationError(
-                f"{option} {address}: not encrypted; expected {how} with --identity DIR, or --insecure"
+                f"{option} {address}: not encrypted; expected {how} with `identity`, or `insecure`"
             )
         return address

@@ -6,11 +6,13 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Sequence
 
+from ..core.clock import SessionClock
 from ..errors import FogUnreachable, MqttxtError
 from ..protocol.commands import Command
 from ..protocol.messages import Word
 from ..protocol.rankings import SelectMode
 from ..protocol.words import PASSED_OVER
+from .commands import check_limit
 from .heard import SentCommand
 from .outcomes import Outcome, PsmiList
 from .process import StationRunner
@@ -21,6 +23,7 @@ HOLD_S = 5.0
 _RELEASE_TTL_S = 5.0
 _SHORTEST_S = 0.001
 _CANCELLED = "cancelled"
+_NONE_ELIGIBLE = "none_eligible"
 
 Place = tuple[StationRunner, int]
 """A fog by its number, and the station that is registered at it: each of several fleets has its own."""
@@ -36,6 +39,7 @@ def best(places: Sequence[Place], command: Command, ttl_s: float, limit_s: float
     runner, fog = places[0]
     if len(places) == 1 and not runner.station.signs:
         return runner.select(fog, command, SelectMode.SELECT, ttl_s, limit_s)
+    check_limit(limit_s)
     runners = {runner: runner.station.commands.overriding_seq for runner, _ in places}
     asked = _ask(places, command, ttl_s, ttl_s)
     return asked[0][0].choices.begin(_choose(command, asked, runners, ttl_s, limit_s))
@@ -53,6 +57,7 @@ async def _choose(
     `stopped_before` has the number of each station's last hold, land or return before the choice.
     """
     held: list[Offer] = []
+    clock = asked[0][0].clock
     try:
         offers = await _answers(asked, ttl_s / 2)
         if not any(_reserved(answer) for answer in offers):
@@ -62,7 +67,10 @@ async def _choose(
         for answer in offers:
             held += _reserved(answer)
             yield answer[1]
-        start_until_s = asyncio.get_running_loop().time() + ttl_s
+        lists = [event for _, event in offers if isinstance(event, PsmiList)]
+        if not held and len(lists) == len(offers):  # the words of the fogs have not come
+            yield _ended(lists[0], command, _NONE_ELIGIBLE)
+        start_until_ms = clock.now_ms() + round(ttl_s * 1000)
         while held:
             offer = min(held, key=_arrival)
             runner, chosen = offer
@@ -72,7 +80,7 @@ async def _choose(
             held.remove(offer)
             last = None
             try:
-                async for event in _commit(offer, command, start_until_s, limit_s):
+                async for event in _commit(offer, command, _left_s(clock, start_until_ms), limit_s):
                     last = Word.UNCONFIRMED if runner.station.is_doubtful(event) else event.word
                     if last not in PASSED_OVER:
                         _release(command, held)  # the drone may fly, so no other is sent
@@ -83,11 +91,11 @@ async def _choose(
                 last = Word.UNREACHABLE
             if last not in PASSED_OVER:
                 return
-            is_late = asyncio.get_running_loop().time() >= start_until_s
+            is_late = clock.now_ms() >= start_until_ms
             if is_late or _is_overridden(stopped_before):
                 yield _ended(chosen, command, Word.EXPIRED.label if is_late else _CANCELLED)
                 return
-            for answer in await _next_offer(offer, command, start_until_s):
+            for answer in await _next_offer(offer, command, _left_s(clock, start_until_ms)):
                 held += _reserved(answer)
                 yield answer[1]
     finally:
@@ -99,12 +107,14 @@ def _arrival(offer: Offer) -> tuple[float, int]:
     return first.arrival_s or 0.0, first.drone
 
 
-async def _commit(
-    offer: Offer, command: Command, start_until_s: float, limit_s: float | None
-) -> AsyncIterator[Outcome]:
+def _left_s(clock: SessionClock, start_until_ms: int) -> float:
+    """How long a drone still has to start, by a session clock: the event loop's clock may stand still in suspend."""
+    return max(_SHORTEST_S, (start_until_ms - clock.now_ms()) / 1000)
+
+
+async def _commit(offer: Offer, command: Command, left_s: float, limit_s: float | None) -> AsyncIterator[Outcome]:
     """Send the command to the drone that a fog has reserved; raises FogUnreachable where the fog is gone."""
     runner, chosen = offer
-    left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
     async for event in runner.select(
         chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq, chosen.chosen
     ):
@@ -112,10 +122,9 @@ async def _commit(
             yield event
 
 
-async def _next_offer(tried: Offer, command: Command, start_until_s: float) -> list[Answer]:
+async def _next_offer(tried: Offer, command: Command, left_s: float) -> list[Answer]:
     """A fog's next offer, without the drone that refused; half of the time that is left is kept for the commit."""
     runner, before = tried
-    left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
     wait_s = max(_SHORTEST_S, left_s / 2)
     with contextlib.suppress(FogUnreachable):
         return await _answers(_ask([(runner, before.fog)], command, wait_s, left_s, before.id.seq), wait_s)

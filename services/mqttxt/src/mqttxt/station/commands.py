@@ -39,6 +39,12 @@ def ttl_ms_of(ttl_s: float) -> int:
     return max(1, round(ttl_s * 1000))
 
 
+def check_limit(limit_s: float | None) -> None:
+    """Raises ConfigurationError for a limit that no command can have; None is the command's own."""
+    if limit_s is not None and not _LIMIT.low <= limit_s <= _LIMIT.high:
+        raise ConfigurationError(f"limit {limit_s:g} s: expected {_LIMIT.low:g} to {_LIMIT.high:g}")
+
+
 class StationCommands:
     """The commands of one ground station session, by their ids."""
 
@@ -119,7 +125,8 @@ class StationCommands:
         if signer is not None and drone is not None:
             signed = signer.sign(fog, drone, message.as_command(), ttl_ms, now_ms, reservation)
         pending = self._pend(fog, None, message, fog.topics.select(command.name), signed, ttl_ms, now_ms)
-        pending.choosing = mode is SelectMode.SELECT
+        pending.mode = mode
+        pending.committed = drone
         pending.denied = mode is SelectMode.RELEASE
         return message.id, [pending.publish]
 
@@ -134,8 +141,7 @@ class StationCommands:
         """The fields that every command to a fog has; takes the next sequence number."""
         if not 0 < ttl_ms <= MAX_TTL_MS:
             raise ConfigurationError(f"ttl {ttl_ms} ms: expected more than 0 and at most {MAX_TTL_MS}")
-        if limit_s is not None and not _LIMIT.low <= limit_s <= _LIMIT.high:
-            raise ConfigurationError(f"limit {limit_s:g} s: expected {_LIMIT.low:g} to {_LIMIT.high:g}")
+        check_limit(limit_s)
         deadline_ms = fog.clock.deadline_ms(now_ms, ttl_ms) if fog.clock is not None else None
         if deadline_ms is None or not fog.registered or not fog.is_live(now_ms):
             raise FogUnreachable(f"fog {fog.number}: no live activator; {command.name} was not sent")
@@ -186,9 +192,7 @@ class StationCommands:
         pending = self.pending.get(result.id)
         if pending is None or pending.fog != fog.number:
             return []  # another station's, or one that was forgotten
-        if pending.drone is None and pending.command.name in SELECTABLE and drone not in (pending.roster or ()):
-            pending.roster = (*(pending.roster or ()), drone)  # chosen by PSMI, whose list may have been lost
-        if pending.roster is not None and drone not in pending.roster:
+        if not pending.admits(drone):
             return [Log("foreign_result", f"drone {drone} on {result.id}, which was not sent to it")]
         age_ms = None
         if fog.clock is not None and result.relay_stamp is not None:
@@ -212,14 +216,12 @@ class StationCommands:
 
     def on_psmi(self, fog: FogView, message: PsmiMessage, now_ms: int) -> list[Output]:
         pending = self.pending.get(message.id)
-        if pending is None or pending.fog != fog.number:
-            return []  # another station's
-        if message.hold_until_ms is not None or message.chosen is None:
-            pending.retry = None
-        elif message.chosen not in (pending.roster or ()):
-            pending.roster = (*(pending.roster or ()), message.chosen)
-        if message.hold_until_ms is not None:
-            pending.denied = True  # an offer is answered by its list: nothing flies by it
+        if pending is None or pending.fog != fog.number or pending.mode is None:
+            return []  # another station's, or of a command that PSMI does not choose for
+        if pending.mode is SelectMode.OFFER:
+            pending.denied = pending.denied or message.hold_until_ms is not None  # answered: nothing flies by it
+        elif message.chosen is not None:
+            pending.admits(message.chosen)
         return [PsmiList(fog.number, message.id, message.listed, message.left_out, message.chosen)]
 
     def on_fog_result(self, fog: FogView, result: FogResultMessage, now_ms: int) -> list[Output]:
@@ -235,7 +237,7 @@ class StationCommands:
             pending.denied, pending.denied_by = True, signer
             name = pending.command.name
             return [Outcome(pending.id, fog.number, None, name, Word.DENIED, result.denied, signer=signer)]
-        if pending.roster is None and result.roster is not None:
+        if pending.roster is None and result.roster is not None and pending.mode is None:
             if self._settings.qos == 0 and not pending.words and not isinstance(pending.command, OVERRIDING):
                 pending.retry = Retry.of(0, now_ms, 0, TOGETHER_MS)
             pending.roster = tuple(entry.drone for entry in result.roster)
@@ -284,10 +286,10 @@ class StationCommands:
 
     def _give_up(self, pending: Pending, now_ms: int) -> list[Output]:
         out = self._say_to_open(pending, Word.UNCONFIRMED, None, now_ms)
-        if pending.roster is None:
+        if pending.is_open:
             pending.denied = True
-            name = pending.command.name
-            out.append(Outcome(pending.id, pending.fog, None, name, Word.UNCONFIRMED, "no_roster"))
+            reason = "no_roster" if pending.roster is None else None
+            out.append(Outcome(pending.id, pending.fog, None, pending.command.name, Word.UNCONFIRMED, reason))
         return out
 
     def _say_to_open(

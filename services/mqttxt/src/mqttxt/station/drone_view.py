@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..core.clock import RemoteClock
+from ..core.clock import STAMP_MODULUS, STAMP_TICK_MS, RemoteClock
 from ..protocol.control import DroneRecord
 from ..protocol.state_payload import StampedState
+
+_STAMP_SPAN_MS = STAMP_MODULUS * STAMP_TICK_MS
 
 
 @dataclass
@@ -22,10 +24,15 @@ class HeardState:
     said_ms: int | None = None
 
     def age_ms(self, now_ms: int) -> int | None:
-        """An upper bound of its age; None before the fog has echoed a nonce of this station."""
+        """An upper bound of its age; None before the fog has echoed a nonce of this station.
+
+        It is no younger than its arrival: where the echo, or the question, came later, the stamps may have come round.
+        """
         if self.said_ms is None and self.clock is not None and self.message.relay_stamp is not None:
             age_ms = self.clock.age_ms(self.message.relay_stamp, now_ms)
-            self.said_ms = None if age_ms is None else now_ms - age_ms
+            if age_ms is not None:
+                rounds = max(0, -((age_ms - (now_ms - self.received_ms)) // _STAMP_SPAN_MS))
+                self.said_ms = now_ms - age_ms - rounds * _STAMP_SPAN_MS
         return None if self.said_ms is None else now_ms - self.said_ms
 
 

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Self
 
 from ..core.settings import CONNECT_S
-from ..errors import ConfigurationError, FogUnreachable, StationEnded
+from ..errors import ConfigurationError, FogUnreachable, SigningDiffers, StationEnded
 from ..protocol.commands import Command
 from ..protocol.names import MAX_DRONE, NAME, parse_in_fleet
 from .best import best
@@ -112,7 +112,8 @@ class Fleets:
             elif isinstance(answer, BaseException):
                 raise answer
         if missing:
-            raise FogUnreachable("; ".join(missing))
+            differs = any(isinstance(answer, SigningDiffers) for answer in found)
+            raise (SigningDiffers if differs else FogUnreachable)("; ".join(missing))
         return [fog for answer in found if not isinstance(answer, BaseException) for fog in answer]
 
     @property

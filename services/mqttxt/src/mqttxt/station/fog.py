@@ -82,6 +82,15 @@ class FogView:
         """The newest epoch of control in the records of the fog's drones."""
         return max((view.record.epoch or 0 for view in self.drones.values() if view.record is not None), default=0)
 
+    @property
+    def present(self) -> frozenset[int]:
+        """The drones of the activator's live session. The broker may retain records of others, from before."""
+        told = {number for number, drone in self.drones.items() if self._is_told(drone)}
+        return frozenset(told.union(self.configured))
+
+    def _is_told(self, drone: DroneView) -> bool:
+        return drone.record is not None and drone.record.activator_session == self.session
+
     def controls(self, number: int) -> bool:
         """Whether this station controls a drone, by a record of the activator's live session. A released drone that is
         claimed again counts only once the activator has answered the new claim.
@@ -165,6 +174,7 @@ class FogView:
     def on_record(self, number: int, record: DroneRecord, now_ms: int) -> list[Event]:
         """`fogX/droneY/reachable`."""
         drone = self.drones.setdefault(number, DroneView(number))
+        before = (drone.record.holder, drone.record.holder_session) if drone.record is not None else (None, None)
         if record.up and (drone.record is None or drone.record.drone_session != record.drone_session):
             drone.states.clear()
         drone.record = record
@@ -172,7 +182,7 @@ class FogView:
             self._given_up.pop(number, None)
         drone.session = record.drone_session or drone.session
         events = self._review(now_ms)
-        if record.holder != drone.holder:
+        if (record.holder, record.holder_session) != before:  # a station that starts anew may have its name again
             drone.holder = record.holder
             drone.next_grant_ms = now_ms
             mine = record.holder_session == self._own_session
@@ -266,7 +276,7 @@ class FogView:
         if is_signed and until_ms is None:
             lease_s, self._questioned_ms = 0, now_ms
         control = self.control
-        if control is Control.NONE and self.claimed:
+        if control is Control.NONE and self.claimed and not take:
             control, drones = Control.WANT, drones or tuple(sorted(self.claimed))
         message = Registration(
             name=self._name,
@@ -296,9 +306,7 @@ class FogView:
 
     def _has_records(self) -> bool:
         """Whether the activator's session has published the record of each of its configured drones."""
-        records = {number: drone.record for number, drone in self.drones.items() if drone.record is not None}
-        said = {number for number, record in records.items() if record.activator_session == self.session}
-        return said.issuperset(self.configured)
+        return all(number in self.drones and self._is_told(self.drones[number]) for number in self.configured)
 
     def _can_address(self, drone: DroneView) -> bool:
         """Whether a command can be addressed to a drone: a signed one names the drone's session."""

@@ -13,7 +13,7 @@ from ..core.address import BrokerAddress
 from ..core.clock import SessionClock
 from ..core.settings import CONNECT_S, Settings
 from ..core.transport import Transport
-from ..errors import ConfigurationError, FogUnreachable
+from ..errors import ConfigurationError, FogUnreachable, SigningDiffers
 from ..protocol.commands import Command
 from ..protocol.names import MAX_DRONE, check_number, check_station_name, in_fleet
 from ..protocol.values import Encoding
@@ -45,7 +45,7 @@ class GroundStation:
         qos: MQTT's quality of service of commands, 0 or 1.
         encoding: the encoding of payloads that it sends; it reads both.
         prefix: the prefix of every topic, as `acme/`.
-        control: take control of every drone that is free; False: only watch.
+        control: take control of every drone that is free; False: only watch; drones' numbers: of these alone.
         bundles: receive states in bundles, at most once per second, and a broadcast's words together.
         ssl_context: trust and certificate for `mqtts://` without an identity; None: trust the system's authorities.
         identity: the folder of this station's identity (`mqttxt keys issue station`), for `mqtts://` to a broker of
@@ -69,7 +69,7 @@ class GroundStation:
         qos: int = 1,
         encoding: Encoding = Encoding.CBOR,
         prefix: str = "",
-        control: bool = True,
+        control: bool | Iterable[int] = True,
         bundles: bool = False,
         ssl_context: ssl.SSLContext | None = None,
         identity: Path | str | None = None,
@@ -141,6 +141,7 @@ class GroundStation:
         numbers = [check_number("fog", number) for number in fogs]
         if not runner.has_begun:
             raise ConfigurationError("connect: expected a station that was entered, by `async with GroundStation(…)`")
+        runner.check()
         runner.carry_out(runner.station.add_fogs(numbers))
         views = [runner.station.fogs[number] for number in numbers]
         try:
@@ -148,7 +149,8 @@ class GroundStation:
         except TimeoutError:
             late = [view for view in views if not view.is_ready(runner.clock.now_ms())]
             missing = "; ".join(f"fog {view.number}: {runner.missing(view)}" for view in late)
-            raise FogUnreachable(f"{missing} (waited {timeout_s:g} s)") from None
+            kind = SigningDiffers if any(map(runner.signs_otherwise, late)) else FogUnreachable
+            raise kind(f"{missing} (waited {timeout_s:g} s)") from None
         return [Fog(runner, view) for view in views]
 
     @property

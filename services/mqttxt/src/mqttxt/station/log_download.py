@@ -6,6 +6,7 @@ import asyncio
 import glob
 import hashlib
 import os
+import threading
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -62,7 +63,7 @@ class LogDownload:
         if timeout_s is not None and not timeout_s > 0:
             raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(timeout_s) as limit:
                 for attempt in range(ATTEMPTS):
                     try:
                         await self._once()
@@ -71,6 +72,8 @@ class LogDownload:
                         if attempt == ATTEMPTS - 1 or error.reason not in ("unknown_hash", "wrong_hash"):
                             raise
         except TimeoutError:
+            if not limit.expired():  # it is the caller's own
+                raise
             raise TransferFailed(f"drone {self._drone}: {self._log.kind}: not within {timeout_s:g} s") from None
 
     async def _once(self) -> None:
@@ -106,6 +109,8 @@ class LogDownload:
 class _Part:
     """The received bytes of a log that a hash names, in a hidden file beside its target. Every method blocks.
 
+    A cancelled download closes it while a thread may still be about to write: its descriptor is then another file's.
+
     Raises ConfigurationError for a disk error; the received bytes are kept for another attempt.
     """
 
@@ -113,6 +118,7 @@ class _Part:
         self._target, self._hash, self._size = target, hash, size
         self._path = target.with_name(f".{target.name}.{hash.hex()}.part")
         self._file = -1
+        self._lock = threading.Lock()
 
     def open(self) -> int:
         """Open the hidden file; returns its size. Those of other logs for the same target are removed."""
@@ -128,13 +134,15 @@ class _Part:
             return there
 
     def write(self, data: bytes) -> None:
-        with self._changing():
+        with self._lock, self._changing():
             rest = memoryview(data)
             while rest:
                 rest = rest[os.write(self._file, rest) :]
 
     def close(self) -> None:
-        os.close(self._file)
+        with self._lock:
+            file, self._file = self._file, -1
+            os.close(file)
 
     def finish(self, size: int) -> bool:
         """Unpack it into the target, a log of `size` bytes. False, and it is removed, if its hash is wrong."""

@@ -8,6 +8,7 @@ from ..core.effects import Log, Publish
 from ..core.settings import Retry
 from ..protocol.commands import Command
 from ..protocol.messages import CommandId, Word, without_contradiction
+from ..protocol.rankings import SelectMode
 from ..protocol.words import PASSED_OVER
 from .outcomes import Outcome
 
@@ -19,7 +20,8 @@ class Pending:
     `signed_for` has the drones that it is signed for, `signers` the signer of each drone's newest word, and `denied_by`
     the signer of the denial of the whole command.
 
-    While it is `choosing`, PSMI may send it to another drone after a definite no.
+    `mode` is that of a select message, None for a command to a drone or to all of a fog. `committed` is the drone to
+    which a commit goes: any other one's word is not about it, because a restarted activator asks every drone (R7.8).
     """
 
     id: CommandId
@@ -31,7 +33,8 @@ class Pending:
     retry: Retry | None
     roster: tuple[int, ...] | None
     signed_for: tuple[int, ...] = ()
-    choosing: bool = False
+    mode: SelectMode | None = None
+    committed: int | None = None
     words: dict[int, Word] = field(default_factory=dict)
     signers: dict[int, str | None] = field(default_factory=dict)
     percents: dict[int, int | None] = field(default_factory=dict)
@@ -39,6 +42,20 @@ class Pending:
     unconfirmed_here: set[int] = field(default_factory=set)
     denied: bool = False
     denied_by: str | None = None
+
+    @property
+    def choosing(self) -> bool:
+        """Whether PSMI may send it to another drone after a definite no."""
+        return self.mode is SelectMode.SELECT
+
+    def admits(self, drone: int) -> bool:
+        """Whether a drone may have it; one that PSMI may have chosen joins the roster: its list may have been lost."""
+        if self.mode is None:
+            return self.roster is None or drone in self.roster
+        if self.committed not in (None, drone):
+            return False
+        self.roster = tuple(dict.fromkeys((*(self.roster or ()), drone)))
+        return True
 
     def open_drones(self) -> list[int]:
         """The drones without a last word: of the roster or, while that is not known, of those that answered."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import ssl
+import threading
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
@@ -12,6 +13,7 @@ from weakref import WeakSet
 
 from ..core.address import BrokerAddress
 from ..core.clock import SessionClock
+from ..core.effects import Inbound
 from ..core.ledger import OVERRIDING
 from ..core.mqtt.link import MqttLink
 from ..core.mqtt.properties import MOST_ALIASES
@@ -32,6 +34,9 @@ if TYPE_CHECKING:
     from ..security.identity import Identity
 
 logger = logging.getLogger("mqttxt")
+
+LONGEST_STILL_MS = 163_840
+"""How long a station may have stood still: a quarter of the stamps' span, up to which they give order and age."""
 
 Answer = TypeVar("Answer")
 AnEvent = TypeVar("AnEvent", bound=Event)
@@ -69,6 +74,8 @@ class StationRunner(Runner):
         self.choices = Choices()
         self._carried_out = Bell()
         self._running: asyncio.Task[None] | None = None
+        self._thread = 0
+        """The thread that runs the station's event loop."""
         self.does |= dict.fromkeys(get_args(Event), self._hear)
 
     @property
@@ -83,6 +90,7 @@ class StationRunner(Runner):
         if loop.add_reader is asyncio.AbstractEventLoop.add_reader:
             wanted = "asyncio.Runner(loop_factory=asyncio.SelectorEventLoop)"
             raise ConfigurationError(f"event loop {loop.__name__}: does not watch sockets; expected that of {wanted}")
+        self._thread = threading.get_ident()
         self._running = asyncio.create_task(self.run())
         self._running.add_done_callback(lambda _: self._on_end())
 
@@ -102,10 +110,26 @@ class StationRunner(Runner):
             self._running.result()
 
     def check(self) -> None:
-        """Raises the error that ended the station, StationEnded where it was left; nothing while it runs."""
+        """Raises the error that ended the station, StationEnded where it was left; nothing while it runs.
+
+        Raises ConfigurationError in another thread or event loop than the station's.
+        """
         error = self._ended_by()
         if error is not None:
             raise error
+        self._check_loop()
+
+    def _check_loop(self) -> None:
+        """Raises ConfigurationError in another thread or event loop: who waits there would not be woken."""
+        if self._running is None or self._running.done():
+            return
+        own = self._running.get_loop()
+        try:
+            running = asyncio.get_running_loop()
+        except RuntimeError:
+            running = own
+        if running is not own or threading.get_ident() != self._thread:
+            raise ConfigurationError("GroundStation: another thread or event loop; expected the one that entered it")
 
     def _ended_by(self) -> BaseException | None:
         """The error that ended the station, from the moment on at which it sends nothing more; None before."""
@@ -116,6 +140,13 @@ class StationRunner(Runner):
     @property
     def _has_ended(self) -> bool:
         return self._running is not None and self._running.done()
+
+    def received(self, link: str, message: Inbound) -> None:
+        """Take a message, unless this process stood still for so long that the socket may hold very old ones."""
+        if self.clock.now_ms() - self.ticked_ms > LONGEST_STILL_MS:  # this is called before the tick that is overdue
+            self.links[link].give_up("this process stood still, and what it has received is old")
+        else:
+            super().received(link, message)
 
     def send(
         self,
@@ -184,6 +215,7 @@ class StationRunner(Runner):
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """`GroundStation.wait_until`."""
         _check_timeout(timeout_s)
+        self._check_loop()
         async with asyncio.timeout(timeout_s if timeout_s < float("inf") else None):
             while not condition():
                 if self._has_ended:
@@ -221,7 +253,7 @@ class StationRunner(Runner):
         self.check()
         self.carry_out(self.station.transfers.begin(transfer, self.clock.now_ms()))
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(timeout_s) as limit:
                 while not transfer.is_over:
                     await self.wait_until(
                         lambda: transfer.is_over if on_news is None else transfer.has_news, float("inf")
@@ -229,6 +261,8 @@ class StationRunner(Runner):
                     if on_news is not None:
                         await on_news()
         except TimeoutError:
+            if not limit.expired():  # it is the caller's own
+                raise
             raise TransferFailed(f"{transfer}: not within {timeout_s:g} s") from None
         finally:
             transfer.is_over = True
@@ -241,7 +275,7 @@ class StationRunner(Runner):
         self.check()
         self.carry_out(self.station.take_over(fog, drones, self.clock.now_ms()))
         view = self.station.fogs[fog]
-        wanted = drones if drones is not None else tuple({*view.drones, *view.configured})
+        wanted = drones if drones is not None else view.present
         try:
             await self.wait_until(lambda: all(view.controls(drone) for drone in wanted), timeout_s)
         except TimeoutError:
@@ -252,6 +286,10 @@ class StationRunner(Runner):
         self.check()
         self.carry_out(self.station.claim(fog, drone, wanted, self.clock.now_ms()))
 
+    def signs_otherwise(self, view: FogView) -> bool:
+        """Whether a fog's activator signs messages and this station does not, or the reverse."""
+        return view.subscribed and not view.up and view.is_signed not in (None, self.station.signs)
+
     def missing(self, view: FogView) -> str:
         """Why commands cannot be sent to a fog yet, for an error."""
         link = self.links[LINK]
@@ -259,9 +297,9 @@ class StationRunner(Runner):
             return f"no connection to {link.address}{f' ({link.failure})' if link.failure else ''}"
         if not view.subscribed:
             return f"{link.address} has not granted the subscription"
-        if not view.up and view.is_signed not in (None, self.station.signs):
+        if self.signs_otherwise(view):
             return f"its activator {'signs' if view.is_signed else 'does not sign'} messages and this station " + (
-                "does not; expected --signed beside --identity" if view.is_signed else "does; expected no --signed"
+                "does not; expected `signed` beside `identity`" if view.is_signed else "does; expected no `signed`"
             )
         if not view.up:
             return f"no activator is at {link.address}"

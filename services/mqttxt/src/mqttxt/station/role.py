@@ -15,7 +15,7 @@ from ..protocol.bulk import BulkAnswer
 from ..protocol.codec import decode
 from ..protocol.control import Control, DroneRecord
 from ..protocol.messages import BeaconMessage, FogPresence, FogResultMessage, Presence
-from ..protocol.names import check_prefix
+from ..protocol.names import MAX_DRONE, check_number, check_prefix
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
 from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, Topic, station_reachable
@@ -45,7 +45,7 @@ class StationRole:
         settings: Settings,
         *,
         prefix: str = "",
-        control: bool = True,
+        control: bool | Iterable[int] = True,
         seal: Seal | None = None,
     ) -> None:
         self.name = name
@@ -58,7 +58,9 @@ class StationRole:
         self.transfers = Transfers(session, self._channel)
         self.connected = False
         self.prefix = check_prefix(prefix)
-        self._control = Control.WANT if control else Control.NONE
+        self._control = Control.WANT if control is True else Control.NONE
+        wanted = () if isinstance(control, bool) else control
+        self._wanted = frozenset(check_number("drone", drone, MAX_DRONE) for drone in wanted)
         self._presence = OwnPresence(self._channel, station_reachable(name, prefix), session)
         self._hearing = Hearing(LINK, lambda: [self._presence.say(up=True)])
         self._heard: dict[tuple[int, int], list[ReadingKey]] = {}
@@ -117,6 +119,7 @@ class StationRole:
                 continue
             topics = CloudSide(number, self.prefix)
             fog = FogView(topics, self.name, self.session, self._channel, self._control)
+            fog.claimed |= self._wanted
             self.fogs[number] = fog
             added.append(fog)
         return self._subscribed_to(added, is_first) if self.connected else []

@@ -214,10 +214,10 @@ class MqttLink:
         context, alerts = system_context()
         reason = await self._one_connection_by(context)
         if reason is not None and "CERTIFICATE_VERIFY_FAILED" in reason:
-            return f"{reason}; a fleet's own broker is known by an identity (--identity)"
+            return f"{reason}; a fleet's own broker is known by an identity (`identity`)"
         if CERTIFICATE_REQUIRED not in alerts:
             return reason
-        reason = "the broker demands a certificate of this node; expected an identity (--identity)"
+        reason = "the broker demands a certificate of this node; expected an identity (`identity`)"
         if self._may_be_ended and not self._has_been_up:
             raise ConfigurationError(f"{self.address}: {reason}")
         return reason

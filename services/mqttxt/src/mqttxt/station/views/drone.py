@@ -86,6 +86,11 @@ class Drone(DroneCommands):
         """The name of its fleet, where the station is one of `Fleets`; empty where it is alone."""
         return self._runner.fleet
 
+    @property
+    def prefix(self) -> str:
+        """The prefix of its fleet's topics, as `acme/`; empty for none."""
+        return self._runner.station.prefix
+
     def __str__(self) -> str:
         """Its name: `1`, or `acme/1` among several fleets."""
         return in_fleet(self.fleet, self.number)
@@ -93,7 +98,7 @@ class Drone(DroneCommands):
     @property
     def is_reachable(self) -> bool:
         """Whether its fog is live and reports the drone as reachable."""
-        return self._view.reachable
+        return self._view.reachable and self._fog.is_live(self._runner.clock.now_ms())
 
     @property
     def is_controlled(self) -> bool:
