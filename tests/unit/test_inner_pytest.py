@@ -17,6 +17,7 @@ OUTER = {
 TEST = "import os\n\ndef test_it():\n    assert not [name for name in os.environ if name.startswith('PYTEST_XDIST')]\n"
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)  # it takes a second, on a busy machine minutes
 def test_the_outer_ones_options_and_worker_are_not_the_inner_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -11,6 +11,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -64,6 +65,7 @@ def test_every_test_that_it_runs_is_there_and_needs_no_linux() -> None:
         assert not imported(path) & LINUX_ALONE, path
 
 
+@pytest.mark.long
 def test_what_the_tests_import_is_installed_by_it() -> None:
     own, *others = [word for word in run("Install") if word not in ("python", "-m", "pip", "install")]
     folder, _, extras = own.rstrip("]").partition("[")

@@ -123,6 +123,7 @@ def test_the_lowest_rate_is_found_between_its_bounds_and_in_whole_steps() -> Non
     assert len(tried) < 20
 
 
+@pytest.mark.long
 def test_exact_streams_are_the_stand_ins_rates_in_flight() -> None:
     onboard, gcs = (load_of(exact(chosen, 20)) for chosen in ("px4-onboard", "px4-gcs"))
     assert onboard.frames_s == pytest.approx(420.1, abs=0.5)

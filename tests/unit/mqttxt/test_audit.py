@@ -299,6 +299,7 @@ def test_several_logs_are_verified_by_themselves(tmp_path: Path) -> None:
 # Many files are one chain.
 
 
+@pytest.mark.long
 def test_files_are_rotated_bounded_and_one_chain(tmp_path: Path) -> None:
     path = written(tmp_path / "log", largest=2000, count=203)
     files = sorted(tmp_path.iterdir())
@@ -309,6 +310,7 @@ def test_files_are_rotated_bounded_and_one_chain(tmp_path: Path) -> None:
     assert verify(*files, "--fleet", acme()) == (code, said)  # as a shell has it, by an asterisk
 
 
+@pytest.mark.long
 def test_a_file_that_is_missing_between_is_named(tmp_path: Path) -> None:
     path = written(tmp_path / "log", largest=2000, count=200)
     files = sorted(tmp_path.glob("log.*"))
@@ -317,6 +319,7 @@ def test_a_file_that_is_missing_between_is_named(tmp_path: Path) -> None:
     assert (code, f"{files[4]}: line 1: not what follows {files[2]}" in said) == (1, True)
 
 
+@pytest.mark.long
 def test_a_crash_between_two_files_breaks_nothing(tmp_path: Path) -> None:
     path = written(tmp_path / "log", largest=2000, count=200)
     for made in (b"", b'{"n":9'):

@@ -175,6 +175,7 @@ def test_whatever_fails_a_log_is_whole_and_has_what_was_synced(
     assert set(must_have) <= set(found)
 
 
+@pytest.mark.long
 def test_every_byte_that_is_changed_is_noticed(tmp_path: Path) -> None:
     """But in the last line: that may be one that was being written when the power went."""
     path = tmp_path / "log"

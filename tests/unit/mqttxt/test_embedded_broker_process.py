@@ -81,6 +81,7 @@ def test_the_broker_of_a_killed_role_does_not_live_on_and_hold_its_port(tmp_path
         ends_with(role, broker)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="root's Mosquitto alone becomes another user")
 def test_roots_broker_that_becomes_another_user_ends_with_a_killed_role(tmp_path: Path) -> None:
     """Changing its user rids it of the signal that its parent's end sends (prctl(2))."""
@@ -315,6 +316,7 @@ class NoRoom:
         self._patch.setattr(os, "fsync", full_disk)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("no_room", [NoRoom.for_a_folder, NoRoom.for_a_plain_file, NoRoom.for_an_identity])
 async def test_a_full_disk_ends_no_role_and_the_broker_starts_once_there_is_room(

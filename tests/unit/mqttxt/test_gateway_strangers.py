@@ -142,6 +142,7 @@ def seconds(handle: Callable[[Client], None], clients: list[Client]) -> float:
     return time.process_time() - began
 
 
+@pytest.mark.long
 async def test_a_message_costs_no_more_the_more_clients_there_are(group: Any) -> None:
     bench = Bench(group)
     peer, answers, view = bench.client().peer, Answers(Turns()), bench.view(None)

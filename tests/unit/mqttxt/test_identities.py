@@ -189,6 +189,7 @@ def test_a_certificate_lasts_no_longer_than_its_authority(acme: Authority) -> No
     assert found.not_after_s == acme.fleet.not_after_s
 
 
+@pytest.mark.long
 def test_the_highest_revocation_list_counts_and_is_kept(acme: Authority, tmp_path: Path) -> None:
     folder = acme.issue("drone3")
     drone = Identity.load(folder)

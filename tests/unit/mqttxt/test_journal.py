@@ -49,6 +49,7 @@ def test_open_ids_and_last_words_come_back_and_which_of_them_were_heard(tmp_path
     assert len(path.read_text().splitlines()) == 3
 
 
+@pytest.mark.long
 def test_only_the_newest_of_the_heard_words_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "journal"
     journal = JournalFile(path)

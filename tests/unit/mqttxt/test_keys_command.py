@@ -81,6 +81,7 @@ def test_revoke_and_renew(here: Path) -> None:
     assert well_typed("keys", "show").count("revoked") == 2
 
 
+@pytest.mark.long
 def test_other_rights_by_revoke_and_issue(here: Path) -> None:
     """As the guide has it: the certificate of before is refused from then on, the new one has the new rights."""
     well_typed(*THREE_COMMANDS)
@@ -110,6 +111,7 @@ def test_other_rights_by_revoke_and_issue(here: Path) -> None:
     assert typed("keys", "check", "acme/gs-ops~").exit_code == 2
 
 
+@pytest.mark.long
 def test_a_fog_that_was_revoked_gets_another_identity_beside_its_broker(here: Path) -> None:
     well_typed(*THREE_COMMANDS)
     well_typed("keys", "revoke", "fog1")
@@ -121,6 +123,7 @@ def test_a_fog_that_was_revoked_gets_another_identity_beside_its_broker(here: Pa
         well_typed("keys", "check", f"acme/{name}")
 
 
+@pytest.mark.long
 def test_check_has_a_line_for_each_thing_that_is_wrong(here: Path) -> None:
     well_typed(*THREE_COMMANDS)
     folder = here / "acme/broker-fog1"
@@ -140,6 +143,7 @@ def test_check_has_a_line_for_each_thing_that_is_wrong(here: Path) -> None:
     assert "members.pem: No such file" in typed("keys", "check", "acme/broker-fog1").output
 
 
+@pytest.mark.long
 def test_a_broker_is_renewed_for_another_name(here: Path) -> None:
     """As a fog's second broker, which answers at a name of its own, or one that has moved."""
     well_typed(*THREE_COMMANDS)

@@ -138,6 +138,7 @@ class Ground:
 # -- all of it --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("like", first_quick(KINDS))
 def test_a_log_arrives_as_the_autopilot_has_it(like: str, signed: bool, tmp_path: Path) -> None:
@@ -155,6 +156,7 @@ def test_a_log_arrives_as_the_autopilot_has_it(like: str, signed: bool, tmp_path
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["flight.log"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("like", first_quick(KINDS))
 def test_what_is_lost_between_autopilot_and_drone_is_asked_for_again(like: str, tmp_path: Path) -> None:
     ground = Ground(tmp_path, like)
@@ -268,6 +270,7 @@ def _stop_behind(ground: Ground, log: FlightLog, done: int) -> None:
 # -- what an autopilot does with its logs -----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_log_that_grows_is_given_as_long_as_it_was_listed(tmp_path: Path) -> None:
     ground = Ground(tmp_path)
     log = ground.list()[1]
@@ -322,6 +325,7 @@ def test_an_autopilot_that_says_nothing_of_logs_is_asked_a_few_times(tmp_path: P
     assert [one.get_type() for one in ground.asked()].count("LOG_REQUEST_LIST") == 2 * SILENT_ASKS
 
 
+@pytest.mark.long
 def test_an_autopilot_that_is_silent_for_a_while_is_waited_for_and_not_asked(tmp_path: Path) -> None:
     ground = Ground(tmp_path)
     log = ground.list()[1]
@@ -422,6 +426,7 @@ def test_an_autopilot_is_asked_for_little_at_a_time(tmp_path: Path) -> None:
     assert read_ms - begun_ms >= log.size * 1000 / MOST_BYTES_S
 
 
+@pytest.mark.long
 def test_a_log_that_nobody_asks_for_any_more_is_read_no_further(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -441,6 +446,7 @@ def test_a_log_that_nobody_asks_for_any_more_is_read_no_further(
 # -- full disks and memory --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_a_reading_with_that_word(tmp_path: Path) -> None:
     ground = Ground(tmp_path)
     log = ground.list()[0]

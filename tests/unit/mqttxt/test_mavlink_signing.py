@@ -114,6 +114,7 @@ def test_stamps_never_go_back_over_restarts(tmp_path: Path) -> None:
         clock.now_s = 0.0
 
 
+@pytest.mark.long
 def test_the_file_is_ahead_by_a_minute_at_most_and_not_more_with_each_restart(tmp_path: Path, clock: Clock) -> None:
     for _ in range(200):  # restarted every three seconds
         stamps = Stamps(tmp_path / "stamps", clock)

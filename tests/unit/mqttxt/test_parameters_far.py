@@ -145,6 +145,7 @@ def _given(fetching: Fetching, base: ParameterSet | None) -> ParameterSet:
     return found
 
 
+@pytest.mark.long
 def test_a_first_reading_and_what_follows_over_a_radio(capsys: pytest.CaptureFixture[str]) -> None:
     flight = RadioFleet(1)
     whole, first_s, first_bytes = fetch(flight)

@@ -133,6 +133,7 @@ def _delay_ms(flight: FarFlight) -> int:
     return flight.now_ms - sent_ms
 
 
+@pytest.mark.long
 def test_a_transfer_delays_commands_by_no_more_than_its_window(capsys: pytest.CaptureFixture[str]) -> None:
     flight = FarFlight().begin("px4")
     flight.is_far = True

@@ -46,6 +46,7 @@ def test_only_members_with_rights_at_the_cloud_are_users(broker: BrokerFiles) ->
     assert {user["password_hash"] for user in found["users"]} == {""}
 
 
+@pytest.mark.long
 def test_who_may_publish_what_is_as_mosquittos_list_has_it(broker: BrokerFiles) -> None:
     found = rabbitmq.definitions(broker)
     for node, entries in entries_of_all(broker.place, broker.members()):

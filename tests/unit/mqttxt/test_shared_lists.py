@@ -101,6 +101,7 @@ def test_a_newer_list_counts_at_once_and_goes_to_the_other_broker_at_once(acme: 
     assert bench.until(9000, begin_ms=300) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", ["older", "theirs", "garbage", "empty", "too long"])
 def test_what_is_older_or_none_of_the_fleet_changes_nothing_and_is_put_right(
     acme: Authority, tmp_path: Path, wrong: str

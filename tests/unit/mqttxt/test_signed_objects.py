@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mqttxt.core.channel import LATE_MS, SPAN_MS, Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Inbound, Publish
@@ -63,6 +65,7 @@ class Repeating(Flight):
         return fetching.data
 
 
+@pytest.mark.long
 def test_an_older_plan_is_not_shown_as_the_one_of_now() -> None:
     flight = Repeating(signed=True).begin("px4")
     flight.upload()
@@ -75,6 +78,7 @@ def test_an_older_plan_is_not_shown_as_the_one_of_now() -> None:
     assert PlanObject.unpacked(flight.answered(asked)) == NOTHING
 
 
+@pytest.mark.long
 def test_older_parameters_are_not_shown_as_those_of_now() -> None:
     """Neither a set that was given before, nor that nothing has changed."""
     flight = Repeating(signed=True).begin("px4")

@@ -372,6 +372,7 @@ def test_a_plain_client_of_mqtt_sn_is_served() -> None:
 # Floods.
 
 
+@pytest.mark.long
 def test_greetings_without_end_fill_the_gateway_and_no_more() -> None:
     bench = AirBench()
     client = bench.up()

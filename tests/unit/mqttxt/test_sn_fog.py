@@ -20,6 +20,7 @@ WORST = Air(loses=0.3, repeats=0.2, reorders=0.2, latency_us=(10 * MS, 300 * MS)
 BUSY = replace(CALM, commands_per_s=10)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", first_quick(range(4)))
 def test_nothing_is_late_or_twice_and_each_command_has_one_last_word(seed: int) -> None:
     """Processes, brokers and connections die and stall, and one in ten datagrams is lost, twice or late."""
@@ -38,6 +39,7 @@ def test_nor_where_every_third_datagram_is_lost(seed: int) -> None:
     assert judge.violations == {}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("qos", [0, 1])
 def test_no_command_is_lost_with_the_datagrams(qos: int) -> None:
     """With time enough each is obeyed, or refused by its drone in words: QoS 0 is surely on this leg too."""
@@ -52,6 +54,7 @@ def test_no_command_is_lost_with_the_datagrams(qos: int) -> None:
     assert len(simulation.spied) < simulation.air.carried
 
 
+@pytest.mark.long
 def test_a_receiver_that_takes_repetitions_for_new_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge of these histories sees what R20.5 prevents: without it the broker gets words twice."""
     simulation = AirSimulation(1, BUSY)
@@ -69,6 +72,7 @@ def test_a_receiver_that_takes_repetitions_for_new_is_noticed(monkeypatch: pytes
     assert len(words) > len(set(words)) + 5
 
 
+@pytest.mark.long
 def test_a_drone_behind_a_nat_that_forgets_its_port_is_back_within_seconds() -> None:
     simulation = AirSimulation(3, replace(CALM, commands_per_s=0))
     simulation.live(1)

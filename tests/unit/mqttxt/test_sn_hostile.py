@@ -309,6 +309,7 @@ class Victim:
         assert self.received <= REFLECTED * self.sent
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("topic", [TOGETHER, COMMANDS, None])
 @pytest.mark.parametrize("travels", [(COMMANDS, 1), ("drone1/bulk", 0)])
 def test_an_address_that_never_answered_gets_no_more_than_three_times_what_came_in_its_name(

@@ -64,6 +64,7 @@ def several() -> dict[str, dict[str, Any]]:
         return {**{name: node.result() for name, node in begun.items()}, "sizes": {"got": sorted(got)}}
 
 
+@pytest.mark.long
 def test_datagrams_are_sent_when_due_and_told_with_the_kernels_time(several: dict[str, dict[str, Any]]) -> None:
     said = several["five"]
     assert (said["late_ms"], said["overflowed"], said["sent"]) == (0, 0, {"3": 5})

@@ -80,6 +80,7 @@ def breaking_off(at: int) -> Callable[[], Fleet]:
     return lambda: Broken([])
 
 
+@pytest.mark.long
 def test_what_people_ask_first_comes_first_and_everything_comes_once() -> None:
     plans = plans_of(Wish())
     names = [(plan.experiment, plan.arm.name, plan.profile.name) for plan in plans]

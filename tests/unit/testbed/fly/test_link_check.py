@@ -82,6 +82,7 @@ def test_right_links_are_told_configured_beside_measured_and_all_is_taken_down(t
     assert not (tmp_path / "links" / "latest" / "sik" / "pcap").exists(), "only what is of use is kept"
 
 
+@pytest.mark.long
 def test_a_wrong_delay_and_a_wrong_loss_are_each_told_in_a_line(tmp_path: Path) -> None:
     network = SimulatedNetwork(lambda plan: changed(plan, "air:uav3:up", loss=0.05, delay_us=150_000))
     holds, said, saved = checked(tmp_path, network)

@@ -139,6 +139,7 @@ def test_a_capture_that_dropped_makes_the_attempt_void_and_it_is_repeated_twice(
     assert [entry for entry in progress.said if entry[0] == "mqttxt"] == [("mqttxt", 1, 1, n) for n in range(3)]
 
 
+@pytest.mark.long
 def test_before_each_repeat_it_is_waited_for_a_quieter_machine_and_the_manifest_says_so(
     tmp_path: Path, waits: list[Waited]
 ) -> None:

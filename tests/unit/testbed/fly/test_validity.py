@@ -125,6 +125,7 @@ def test_an_attempt_was_cut_when_its_run_ended_first(verdict: Verdict, cut: bool
     assert verdict.was_cut is cut
 
 
+@pytest.mark.long
 def test_no_other_module_of_the_testbed_makes_a_verdict() -> None:
     """Neither by the class nor by a status that it writes itself, but for a manifest's before it is judged."""
     makers = {}

@@ -360,6 +360,7 @@ _KNOWN = st.builds(
 )  # fmt: skip
 
 
+@pytest.mark.long
 @examples(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.binary(max_size=100) | _KNOWN, max_size=4), st.integers(0, 80))
 def test_no_capture_makes_the_table_raise(tmp_path: Path, frames: list[bytes], cut: int) -> None:

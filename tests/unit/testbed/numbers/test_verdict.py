@@ -115,6 +115,7 @@ def test_what_leads_nowhere_is_named_with_what_there_is(measured: Series, text: 
     assert len(error.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_the_median_of_the_completed_attempts_is_meant(series: Series) -> None:
     make_attempt(series, number=2)
     make_attempt(series, number=3, status="failed", reason="takeoff: denied")

@@ -180,6 +180,7 @@ def test_what_a_profile_joins_is_in_it(services: dict[str, Any], profile: str) -
     assert joined <= set(chosen)
 
 
+@pytest.mark.long
 def test_every_network_that_is_joined_is_there_once(fleet: Fleet) -> None:
     document = yaml.safe_load(compose_text(fleet))
     joined = {name for service in document["services"].values() for name in service.get("networks", {})}
@@ -188,6 +189,7 @@ def test_every_network_that_is_joined_is_there_once(fleet: Fleet) -> None:
     assert len(subnets) == len(set(subnets))
 
 
+@pytest.mark.long
 def test_more_drones_than_mavlink_has_ids_for_have_no_routers() -> None:
     services = yaml.safe_load(compose_text(fleet_of({"DRONES": "49"})))["services"]
     assert "client49" in services

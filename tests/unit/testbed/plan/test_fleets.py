@@ -100,6 +100,7 @@ def test_a_wrong_size_ends_the_command_before_anything_is_written(
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.long
 def test_ten_fogs_and_every_drone_that_mavlink_has_an_id_for_have_addresses() -> None:
     fleet = fleet_of({"FOGS": "10", "DRONES": "250"})
     assert (fleet.address("fog10"), fleet.address("uav250")) == ("198.18.20.3", "198.19.14.3")

@@ -49,6 +49,7 @@ def test_each_fog_goes_with_its_drones_to_the_machine_that_has_the_fewest(fleet:
     assert second.nodes == ("fog2", "fog3", "uav4", "uav5", "uav6", "uav7")
 
 
+@pytest.mark.long
 def test_every_service_is_on_one_machine_and_net_on_this_one(fleet: Fleet) -> None:
     machines = machines_of(TWO, fleet)
     here, *there = [

@@ -110,6 +110,7 @@ def test_every_quantity_is_told_somewhere() -> None:
     assert len({one.key for one in QUANTITIES}) == len({one.name for one in QUANTITIES}) == len(QUANTITIES)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("quantity", COMPARED, ids=lambda one: one.key)
 def test_terminal_page_and_comparison_tell_it_alike(quantity: Quantity, flown: Recorded) -> None:
     told = figures(quantity, flown)
@@ -183,6 +184,7 @@ def test_every_attempts_row_is_the_same_on_terminal_and_page(flown: Recorded) ->
     assert on_terminal == on_page
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("quantity", kinds.QUANTITIES, ids=lambda one: one.key)
 @pytest.mark.parametrize("name", [*kinds.COMMANDS, *kinds.STATES])
 def test_a_kind_of_message_is_told_alike(name: str, quantity: kinds.Quantity, messages: Recorded) -> None:

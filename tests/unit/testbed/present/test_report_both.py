@@ -233,6 +233,7 @@ def test_cpu_seconds_are_summed_by_role(series: Series) -> None:
     assert own == {"mqttxt": pytest.approx(4.81), "mavlink": pytest.approx(42.0)}
 
 
+@pytest.mark.long
 def test_a_failure_comes_first_with_its_reason_and_where_to_look(series: Series) -> None:
     metrics = make_series(
         series, ("mqttxt", entry("mqttxt")), ("mavlink", failed("mavlink", ROUTER_DIED, truncated=["uav3.pcap"]))

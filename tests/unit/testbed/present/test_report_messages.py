@@ -54,6 +54,7 @@ def page(series: Series, metrics: Metrics) -> str:
         return write_report(series, metrics, papers=True).read_text()
 
 
+@pytest.mark.long
 def test_a_row_is_of_one_message(metrics: Metrics) -> None:
     land = next(row for row in message_set.rows(metrics) if row.name == "land")
     assert land.sides["mavlink"].with_states.packets == 9

@@ -212,6 +212,7 @@ def test_the_series_behind_the_numbers_are_named_with_their_revision(tmp_path: P
     assert "| `scenario-1/thesis-ideal/20260101T000000Z` | c0ffee | none | 1 of 1 / 1 of 1 | flown with changes" in text
 
 
+@pytest.mark.long
 def test_the_machine_of_each_series_is_named_where_one_is_known(tmp_path: Path) -> None:
     finished(tmp_path, *both())
     finished(tmp_path, *both(), arm="direct", machine="lab-2")
