@@ -53,6 +53,16 @@ def test_a_rival_that_does_not_answer_is_replaced() -> None:
     assert len(of(bench.be_shown(), "fog1/reachable")) == 1
 
 
+def test_before_its_first_birth_an_activator_hands_down_no_lease() -> None:
+    """It may be a second one, started by mistake: its lease would end an offboard flight under the first."""
+    bench = ActivatorBench(born=False)
+    met = bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=True))
+    assert of([*met, *bench.until(bench.now_ms + 500)], "drone1/init_connect") == []
+    bench.be_shown()
+    (lease,) = of(bench.until(bench.now_ms + 500), "drone1/init_connect")
+    assert decode(DroneLease, lease.payload).drone_session == UAV_SESSION
+
+
 def test_before_its_birth_an_activator_answers_nobody() -> None:
     bench = ActivatorBench(born=False)
     assert [type(e) for e in bench.command()] == [Log]
@@ -122,6 +132,15 @@ def test_a_first_session_that_does_not_answer_is_replaced() -> None:
     bench.fog("drone1/reachable", Presence(session=77, up=True))
     leases = of(bench.until(BORN_MS + 1500), "drone1/init_connect")
     assert [decode(DroneLease, e.payload).drone_session for e in leases] == [77]
+
+
+def test_a_second_session_that_is_gone_again_is_not_bound() -> None:
+    """The first one's answer may take longer than the contest."""
+    bench = ready()
+    for up in (True, False):
+        bench.fog("drone1/reachable", Presence(session=77, up=up))
+    assert of(bench.until(BORN_MS + 2000), "drone1/init_connect") == []
+    assert bench.role.drones.links[1].session == UAV_SESSION
 
 
 def test_a_restarted_drone_is_not_refused_by_its_own_echo() -> None:

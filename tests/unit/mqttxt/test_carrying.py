@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mqttxt.activator.sensor_relay import MOST_WAITING, Carried
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish, Subscribe
 from mqttxt.core.settings import Settings
@@ -222,6 +223,18 @@ def test_a_repeated_reading_is_forwarded_once_while_the_cloud_has_not_answered(w
     assert way.relay.on_reading(topic, message, 0) == []
     way.relay.on_cloud_down()
     assert len(way.relay.on_reading(topic, message, 0)) == 1
+
+
+def test_a_drone_that_sends_more_than_it_may_does_not_fill_the_activators_memory(way: Way) -> None:
+    topic = FogSide().parse("drone1/sensor1/temperature")
+    sent = [
+        effect
+        for seq in range(MOST_WAITING + 50)
+        for effect in way.relay.on_reading(topic, Inbound("", encode(reading(seq).message)), 0)
+    ]
+    assert len(sent) == MOST_WAITING
+    way.relay.on_published(Carried(1, reading(0).key), 0, 0)
+    assert len(way.relay.on_reading(topic, Inbound("", encode(reading(MOST_WAITING).message)), 0)) == 1
 
 
 def test_two_sensors_of_one_number_both_pass(way: Way) -> None:

@@ -27,10 +27,10 @@ def test_the_first_station_that_wants_control_has_it_and_a_watcher_never() -> No
     assert leases.register(registration(A), 0) == {1, 2}
     assert leases.register(registration(B), 0) == set()
     assert holders(leases) == ["a", "a"]
-    assert leases.refusal(1, 1, 0) is None
-    assert leases.refusal(1, 2, 0) == "not_in_control, a"
-    assert leases.refusal(1, 9, 0) == "not_in_control, a"
-    assert leases.refusal(3, 1, 0) == "not_in_control"
+    assert leases.refusal(1, 1, 0, 0) is None
+    assert leases.refusal(1, 2, 0, 0) == "not_in_control, a"
+    assert leases.refusal(1, 9, 0, 0) == "not_in_control, a"
+    assert leases.refusal(3, 1, 0, 0) == "not_in_control"
 
 
 def test_a_takeover_raises_the_epoch_and_what_was_sent_under_the_old_one_is_refused() -> None:
@@ -40,9 +40,9 @@ def test_a_takeover_raises_the_epoch_and_what_was_sent_under_the_old_one_is_refu
     assert leases.register(registration(B, control=Control.TAKE, drones=(1,)), 0) == {1}
     assert holders(leases) == ["b", "a"]
     assert (leases.epoch(1), leases.epoch(2)) == (1, 0)
-    assert leases.refusal(1, 2, 0) == "not_in_control, b"
-    assert leases.refusal(1, 2, 1) is None
-    assert leases.refusal(2, 1, 0) is None
+    assert leases.refusal(1, 2, 0, 0) == "not_in_control, b"
+    assert leases.refusal(1, 2, 1, 0) is None
+    assert leases.refusal(2, 1, 0, 0) is None
 
 
 def test_a_takeover_that_has_not_seen_the_newest_epoch_takes_nothing() -> None:
@@ -108,6 +108,15 @@ def test_after_a_restart_a_drone_is_kept_for_its_station_and_the_epoch_goes_on()
     assert (holders(leases, (1,)), leases.epoch(1)) == (["a"], 4)
 
 
+def test_a_takeover_after_a_restart_takes_what_is_kept_for_another_station() -> None:
+    leases = Leases((1, 2))
+    leases.restore(1, A, 4, 0)
+    leases.register(registration(B), 10)
+    assert leases.register(registration(B, control=Control.TAKE, drones=(1,), epoch=4), 20) == {1}
+    assert (holders(leases), leases.epoch(1)) == (["b", "b"], 5)
+    assert leases.register(registration(A), 30) == set()
+
+
 def test_a_drone_that_nobody_comes_back_for_is_given_away() -> None:
     leases = Leases((1,))
     leases.restore(1, A, 4, 0)
@@ -124,3 +133,44 @@ def test_want_of_topics_and_bundles_is_of_all_stations() -> None:
     assert (leases.want_topics, leases.want_bundles) == (False, True)
     leases.register(registration(B), 0)
     assert (leases.want_topics, leases.want_bundles) == (True, True)
+
+
+def test_a_lapsed_lease_gives_no_control_before_the_next_tick_either() -> None:
+    """A process that stood still reads what its sockets hold before it ticks."""
+    leases = Leases((1,))
+    leases.register(registration(A, lease_s=5), 0)
+    assert leases.refusal(1, 1, 0, 5000) is None
+    assert leases.refusal(1, 1, 0, 5001) == "not_in_control"
+
+
+def test_a_registration_that_comes_after_its_end_takes_nothing() -> None:
+    leases = Leases((1,))
+    leases.register(registration(A), 0)
+    late = registration(B, control=Control.TAKE, until_ms=9_999)
+    assert leases.register(late, 10_000) == set()
+    assert (holders(leases, (1,)), leases.epoch(1), B in leases) == (["a"], 0, False)
+
+
+def test_an_end_that_is_too_far_does_not_make_a_registration_one_of_the_future() -> None:
+    """Offboard goes on for 3 s behind the moment at which the newest registration was sent."""
+    leases = Leases((1,))
+    leases.register(registration(A, lease_s=30, until_ms=10**9), 1000)
+    lease = leases.holder(1)
+    assert lease is not None
+    assert (lease.sent_ms, lease.until_ms) == (1000, 31_000)
+
+
+def test_a_station_that_names_no_drones_at_all_gets_none() -> None:
+    leases = Leases((1, 2))
+    leases.register(registration(A), 0)
+    assert leases.register(registration(B, control=Control.TAKE, drones=()), 0) == set()
+    leases.end(A, 0)
+    assert holders(leases) == [None, None]
+
+
+def test_a_watcher_that_takes_one_drone_gets_no_other_one() -> None:
+    leases = Leases((1, 2))
+    leases.register(registration(A, drones=(1,)), 0)
+    leases.register(registration(B, control=Control.NONE), 0)
+    assert leases.register(registration(B, control=Control.TAKE, drones=(1,)), 0) == {1}
+    assert holders(leases) == ["b", None]

@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
+from mqttxt.core.ledger import KEEP_MS
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Goto, Hold
 from mqttxt.protocol.control import Control, DroneRecord
 from mqttxt.protocol.messages import BeaconMessage, CommandMessage, FogResultMessage, Word
+from mqttxt.protocol.names import MAX_DRONE
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMode
 from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed, State
 from tests.simulation.fogs import BORN_MS, ActivatorBench, of, words
@@ -217,6 +219,42 @@ def test_a_later_hold_cancels_what_would_be_tried_next() -> None:
     assert denial(effects) == "cancelled"
 
 
+def test_a_later_hold_that_is_denied_cancels_too() -> None:
+    bench = flock(2, 1)
+    bench.select(TARGET)
+    assert words(bench.command(Hold(), to="drone2/commands", seq=2, retain=True), 2) == [(Word.DENIED, "retained")]
+    effects = bench.word(2, Word.DENIED)
+    assert sent_to(effects) == []
+    assert denial(effects) == "cancelled"
+
+
+def test_an_earlier_hold_that_comes_late_cancels_nothing() -> None:
+    bench = flock(2, 1)
+    bench.select(TARGET, seq=2)
+    bench.command(Hold(), to="drone1/commands", seq=1)
+    assert sent_to(bench.word(2, Word.DENIED, seq=2)) == [1]
+
+
+def test_a_takeover_of_the_largest_fog_ends_the_search_with_a_word_for_each_drone() -> None:
+    """All are refused in one turn: as many calls in each other would be too deep for Python."""
+    bench = flock(*[1.0] * MAX_DRONE)
+    bench.select(TARGET)
+    bench.register(name="other", session=5, control=Control.TAKE)
+    effects = bench.word(1, Word.DENIED)
+    assert denial(effects) == "none_left"
+    refused = {drone for drone in range(2, MAX_DRONE + 1) if words(effects, drone)}
+    assert refused == set(range(2, MAX_DRONE + 1))
+    assert not bench.role.relay.ledger.open_entries()
+
+
+def test_a_drone_that_is_far_and_says_that_it_is_slow_keeps_no_list_from_leaving() -> None:
+    other_side = Location(-47.4, -171.5, 500, 20)
+    effects = flock(1, 1, drone2={"place": other_side, "speed": MaxGroundspeed(0.01)}).select(TARGET)
+    (message,) = psmi(effects)
+    assert reasons(message) == {2: "out_of_range"}
+    assert sent_to(effects) == [1]
+
+
 def test_a_chosen_drone_is_busy_until_its_last_word() -> None:
     bench = flock(1)
     bench.select(TARGET)
@@ -345,6 +383,17 @@ def test_records_that_only_full_names_show_do_not_say_who_else_was_there() -> No
     bench.appear(1, UAV_SESSION + 1)
     bench.select(TARGET, executor_session=77)
     assert of(bench.word(1, Word.EXPIRED), "fog1/commands_result/goto") == []
+
+
+def test_a_choice_that_may_have_been_forgotten_is_not_denied() -> None:
+    bench = flock(2, 1)
+    due_ms = bench.now_ms + 5000
+    bench.select(TARGET, deadline_ms=due_ms)
+    bench.word(2, Word.COMPLETED)
+    bench.now_ms += KEEP_MS + 5001
+    bench.command(Hold(), seq=2)
+    assert of(bench.select(TARGET, deadline_ms=due_ms), "fog1/commands_result/goto") == []
+    assert not bench.role.relay.ledger.open_entries()
 
 
 def test_a_command_that_is_not_the_topics_is_denied() -> None:

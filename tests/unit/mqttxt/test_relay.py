@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mqttxt.core.effects import Log, Publish
-from mqttxt.core.ledger import FOG_CAPACITY
+from mqttxt.core.ledger import FOG_CAPACITY, KEEP_MS
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land, Takeoff
 from mqttxt.protocol.control import Control
@@ -97,6 +97,18 @@ def test_a_drone_with_a_new_session_is_only_asked() -> None:
     assert (asked.executor_session, asked.deadline_ms) == (77, 0)
 
 
+def test_what_is_sent_again_for_a_station_that_has_lost_control_is_only_a_question() -> None:
+    """The drone may not have it yet, and would obey a station that another one has followed."""
+    bench = ready()
+    bench.register(name="beta", session=5)
+    bench.command(deadline_ms=bench.now_ms + 30_000)
+    bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
+    bench.register(lease_s=0)
+    (publish,) = of(bench.appear(), "drone1/commands")
+    asked = decode(CommandMessage, publish.payload)
+    assert (asked.executor_session, asked.deadline_ms) == (UAV_SESSION, 0)
+
+
 def test_past_deadline_limit_and_grace_it_is_unconfirmed_and_the_truth_settles_it_once() -> None:
     bench = ready()
     bench.command(limit_s=2.0)
@@ -108,6 +120,17 @@ def test_past_deadline_limit_and_grace_it_is_unconfirmed_and_the_truth_settles_i
     assert decode(ResultMessage, settled.payload).settled
     assert bench.result(Word.COMPLETED) == []
     assert words(bench.command()) == [(Word.UNCONFIRMED, None), (Word.COMPLETED, None)]
+
+
+def test_a_command_that_may_have_been_forgotten_is_not_denied() -> None:
+    """A station that was cut off for long asks: the drone may have flown, and the ledger has dropped the id."""
+    bench = ready()
+    due_ms = BORN_MS + 5000
+    bench.command(deadline_ms=due_ms)
+    bench.result(Word.COMPLETED)
+    bench.now_ms += KEEP_MS + 5001
+    bench.command(seq=2)
+    assert words(bench.command(deadline_ms=due_ms)) == [(Word.UNCONFIRMED, None)]
 
 
 def test_a_word_is_relayed_once_and_never_after_the_last_one() -> None:

@@ -58,7 +58,7 @@ SECOND_MS = 500
 class Relay:
     """The commands of one activator session; `words` publishes their results.
 
-    `on_overriding` is called with the session of the station whose hold, land or return was admitted. While
+    `on_overriding` is called with the id of each hold, land or return, also of one that is denied. While
     `is_audited` returns false, other commands than these are denied (R14.6); None: no audit log is required.
     `has_paths`: the fog has several connections.
     """
@@ -92,7 +92,7 @@ class Relay:
         self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
         self.is_audited = is_audited
-        self.on_overriding: Callable[[int, int], list[Effect]] = lambda gs_session, now_ms: []
+        self.on_overriding: Callable[[CommandId], object] = lambda command_id: None
 
     def on_command(self, topic: DroneTopic | FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A command for one drone, or for every drone of the fog.
@@ -113,8 +113,6 @@ class Relay:
         entry, out = self.enter(command, drone, command.command, message.retain, now_ms, signed)
         if entry is None:
             return out
-        if isinstance(command.command, OVERRIDING) and not entry.record.query:
-            out = [*out, *self.on_overriding(command.gs_session, now_ms)]
         sent = self._broadcast(entry, now_ms) if drone is None else self.forward(entry, drone, now_ms)
         return [*out, *sent]
 
@@ -137,6 +135,8 @@ class Relay:
         station = self._station(command.gs_session)
         if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
             return None, [Log("flood", f"{command.command.name} of {station}: too many")]
+        if isinstance(command.command, OVERRIDING):
+            self.on_overriding(command.id)
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
         job = Job(target, command, deadline_ms, close_at_ms, query, signed)
@@ -291,10 +291,11 @@ class Relay:
             return self._send_again(entry, leg, link, now_ms) if link is not None and link.announced else []
         remaining_ms = job.deadline_ms - now_ms
         if remaining_ms <= 0:
-            return self.words.close(entry, leg, Word.EXPIRED, None, now_ms)
+            word = Word.UNCONFIRMED if job.may_be_forgotten(now_ms) else Word.EXPIRED
+            return self.words.close(entry, leg, word, None, now_ms)
         if link is None or not link.announced or not self.fog_connected:
             return self.words.close(entry, leg, Word.UNREACHABLE, None, now_ms)
-        refusal = self._leases.refusal(drone, job.message.gs_session, job.message.epoch)
+        refusal = self._leases.refusal(drone, job.message.gs_session, job.message.epoch, now_ms)
         if refusal is not None:
             return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
         deadline_ms = link.clock.deadline_ms(now_ms, remaining_ms) if link.clock is not None else None
@@ -308,10 +309,13 @@ class Relay:
         return [self._publish_command(entry, leg, remaining_ms)]
 
     def _send_again(self, entry: Entry[Job], leg: Leg, link: DroneLink | None, now_ms: int) -> list[Effect]:
+        """Send the same bytes again; a query, if the drone has a new session or the station no longer controls it."""
         if link is None or link.session is None or not self.fog_connected:
             return []
-        if leg.sent is None or leg.sent.executor_session != link.session:
-            leg.sent = replace(entry.record.message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
+        message = entry.record.message
+        is_same = leg.sent is not None and leg.sent.executor_session == link.session
+        if not is_same or self._leases.refusal(leg.drone, message.gs_session, message.epoch, now_ms) is not None:
+            leg.sent = replace(message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
         return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
 
     def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:

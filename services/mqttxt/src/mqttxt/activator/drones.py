@@ -28,7 +28,8 @@ class Drones:
     """Every drone configured for the fog or seen in this session.
 
     `appeared` has drones, and `roster_changed` a change, that the activator has not handled yet. `tells`: this session
-    is the fog's activator and publishes records; before that it reads the records of another session.
+    is the fog's activator and publishes records; before that it reads the records of another session. `leads`: it has
+    been that once, and hands down leases; before that they would end control that another activator has given.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class Drones:
         self._shown_wrong: dict[int, Rebirth] = {}
         self.appeared: list[DroneLink] = []
         self.roster_changed = False
-        self.tells = False
+        self.tells = self.leads = False
 
     def roster(self) -> tuple[RosterEntry, ...]:
         return tuple(
@@ -107,13 +108,16 @@ class Drones:
             self._leases.add(number, now_ms)
             self.roster_changed = True
         if not presence.up:
+            if presence.session == link.challenger:
+                link.challenger_paths.discard(path)
+                link.challenger = link.challenger if link.challenger_paths else None
             if presence.session == link.session and link.up:
                 link.paths.discard(path)
                 if link.paths or link.gone_at_ms is not None:
                     return []
                 if presence.several:  # its other connection may be to the same broker
                     link.gone_at_ms = now_ms + CONTEST_MS
-                    return [self._lease(link, now_ms)]
+                    return self._lease(link, now_ms)
                 return self._end(link)
             return []
         if presence.session == link.session:
@@ -121,7 +125,7 @@ class Drones:
                 self.appeared.append(link)  # a new connection: messages over the one before may be lost
             link.up, link.gone_at_ms = True, None
             link.paths.add(path)
-            return [self._lease(link, now_ms)]
+            return self._lease(link, now_ms)
         if link.is_live(now_ms, self._settings.beacon_interval_ms):
             return self._contest(link, presence.session, path, now_ms)
         return self._bind(link, presence.session, {path}, now_ms)
@@ -150,7 +154,7 @@ class Drones:
         if is_live and not link.announced and link.clock.latest_now_ms(now_ms) is not None:
             out += self._announce(link, True)
             if self._leases.holder(number) is not None:
-                out.append(self._lease(link, now_ms))
+                out += self._lease(link, now_ms)
         return out
 
     def records(self) -> list[Effect]:
@@ -167,12 +171,13 @@ class Drones:
         for link in (self.links[number] for number in sorted(numbers) if number in self.links):
             out += self._told(link)
             if link.up and link.session is not None:
-                out.append(self._lease(link, now_ms))
+                out += self._lease(link, now_ms)
         return out
 
     def ask_all(self, now_ms: int) -> list[Effect]:
         """Ask every present drone for a beacon, by a lease."""
-        return [self._lease(link, now_ms) for link in self.links.values() if link.up and link.session is not None]
+        present = [link for link in self.links.values() if link.up and link.session is not None]
+        return [lease for link in present for lease in self._lease(link, now_ms)]
 
     def show_certificate(self, now_ms: int) -> list[Effect]:
         """The activator has a new certificate: leases carry it to each drone until the drone has echoed one."""
@@ -213,15 +218,17 @@ class Drones:
             if link.announced and not link.is_live(now_ms, self._settings.beacon_interval_ms):
                 out += self._announce(link, False)
             if link.up and now_ms >= link.next_lease_ms:
-                out.append(self._lease(link, now_ms))
+                out += self._lease(link, now_ms)
         return out
 
     def _bind(self, link: DroneLink, session: int, paths: set[str], now_ms: int) -> list[Effect]:
         out = self._announce(link, False) if link.announced else []
         link.bind(session, paths)
-        return [*out, self._lease(link, now_ms)]
+        return [*out, *self._lease(link, now_ms)]
 
     def _contest(self, link: DroneLink, challenger: int, path: str, now_ms: int) -> list[Effect]:
+        if not self.leads:  # it may not ask the bound session yet
+            return []
         if link.challenger == challenger:
             link.challenger_paths.add(path)
             return []
@@ -233,7 +240,7 @@ class Drones:
                 "contested",
                 f"drone {link.number}: session {challenger:08x} while {link.session:08x} is bound",
             ),
-            self._lease(link, now_ms),
+            *self._lease(link, now_ms),
         ]
 
     def _end(self, link: DroneLink) -> list[Effect]:
@@ -265,8 +272,10 @@ class Drones:
             epoch=self._leases.epoch(link.number) or None,
         )
 
-    def _lease(self, link: DroneLink, now_ms: int) -> Publish:
+    def _lease(self, link: DroneLink, now_ms: int) -> list[Effect]:
         assert link.session is not None
+        if not self.leads:
+            return []
         nonce = secrets.randbelow(2**32)
         link.nonces[nonce] = now_ms
         while len(link.nonces) > 8:
@@ -281,22 +290,20 @@ class Drones:
             if link.in_offboard and holder.sent_ms is not None:
                 offboard_ms = link.clock.deadline_ms(now_ms, holder.sent_ms + OFFBOARD_LEASE_MS - now_ms)
         has_control = holder is not None and deadline_ms is not None and deadline_ms >= 0
-        return self._publish_lease(
-            link.number,
-            DroneLease(
-                activator_session=self._session,
-                drone_session=link.session,
-                nonce=nonce,
-                bound=True,
-                epoch=self._leases.epoch(link.number),
-                holder=holder.key[0] if holder is not None and has_control and self._to_fog.seal is not None else None,
-                holder_session=holder.key[1] if holder is not None and has_control else None,
-                deadline_ms=deadline_ms if has_control else None,
-                offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,
-                heard_ms=link.heard_ms if self._to_fog.seal is not None else None,
-                anew=link.missed or None,
-            ),
+        lease = DroneLease(
+            activator_session=self._session,
+            drone_session=link.session,
+            nonce=nonce,
+            bound=True,
+            epoch=self._leases.epoch(link.number),
+            holder=holder.key[0] if holder is not None and has_control and self._to_fog.seal is not None else None,
+            holder_session=holder.key[1] if holder is not None and has_control else None,
+            deadline_ms=deadline_ms if has_control else None,
+            offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,
+            heard_ms=link.heard_ms if self._to_fog.seal is not None else None,
+            anew=link.missed or None,
         )
+        return [self._publish_lease(link.number, lease)]
 
     def _refuse(self, link: DroneLink, session: int) -> Publish:
         nonce = secrets.randbelow(2**32)

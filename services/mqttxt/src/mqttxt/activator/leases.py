@@ -100,32 +100,38 @@ class Leases:
         """The station of a registered session, by its name in certificates."""
         return next((f"gs-{name}" for name, session in self._leases if session == gs_session), None)
 
-    def refusal(self, drone: int, gs_session: int, epoch: int) -> str | None:
-        """Why a station's command for a drone is refused (R6.6, R6.8); None if the station is in control."""
+    def refusal(self, drone: int, gs_session: int, epoch: int, now_ms: int) -> str | None:
+        """Why a station's command for a drone is refused (R6.6, R6.8); None if the station is in control.
+
+        A lease that has lapsed gives no control, also before `tick` has ended it: the process may have stood still.
+        """
         holder = self.holder(drone)
-        if holder is None:
+        if holder is None or now_ms > holder.until_ms:
             return NOT_IN_CONTROL
         if holder.key[1] != gs_session or epoch < self.epoch(drone):
             return f"{NOT_IN_CONTROL}, {holder.key[0]}"
         return None
 
     def register(self, message: Registration, now_ms: int) -> set[int]:
-        """Take, renew or, with a lease of 0 s, end a registration."""
+        """Take, renew or, with a lease of 0 s, end a registration; one that arrives after its end changes nothing."""
         key = (message.name, message.session)
         if message.lease_s == 0:
             return self.end(key, now_ms)
+        if message.until_ms is not None and message.until_ms < now_ms:
+            return set()
         length_ms = message.lease_s * 1000
         until_ms, sent_ms = now_ms + length_ms, None
         if message.until_ms is not None:
             until_ms = min(until_ms, message.until_ms)
-            sent_ms = message.until_ms - length_ms
+            sent_ms = min(now_ms, message.until_ms - length_ms)
         known = self._leases.get(key)
         if known is not None and known.sent_ms is not None:
             sent_ms = max(known.sent_ms, sent_ms) if sent_ms is not None else known.sent_ms
             until_ms = max(known.until_ms, until_ms)
-        control, scope = message.control or Control.NONE, frozenset(message.drones) if message.drones else None
+        control = message.control or Control.NONE
+        scope = frozenset(message.drones) if message.drones is not None else None
         taking = control is Control.TAKE
-        wanted = (known.drones if known is not None else None) if taking else scope
+        wanted = known.drones if taking and known is not None and known.control is not Control.NONE else scope
         self._leases[key] = Lease(
             key, until_ms, sent_ms, Control.WANT if taking else control, bool(message.bundles), wanted
         )
@@ -180,10 +186,14 @@ class Leases:
         return holder is not None and holder.wants(drone)
 
     def _take(self, key: Key, drones: set[int], epoch: int) -> set[int]:
-        """Give drones to a station that names the newest epoch: an old takeover that was stalled takes nothing."""
+        """Give drones to a station that names the newest epoch: an old takeover that was stalled takes nothing.
+
+        Drones that are kept for another station are taken too.
+        """
         if epoch < self._epoch or self._epoch >= MAX_EPOCH:
             return set()
-        taken = {drone for drone in drones if self._holders.get(drone, key) != key}
+        kept = {drone: restored.key for drone, restored in self._restored.items()}
+        taken = {drone for drone in drones if (kept | self._holders).get(drone, key) != key}
         if taken:
             self._epoch += 1
         for drone in taken:

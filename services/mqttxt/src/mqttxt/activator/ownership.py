@@ -198,7 +198,7 @@ class Ownership:
         return self._channel.publish(self._cloud.init_connect, question, qos=1)
 
     def _be_born(self, now_ms: int) -> list[Effect]:
-        self.born = self._drones.tells = True
+        self.born = self._drones.tells = self._drones.leads = True
         self._first_born_ms = now_ms if self._first_born_ms is None else self._first_born_ms
         return [
             Unsubscribe(CLOUD, (self._cloud.clock, *self._by_name)),

@@ -14,6 +14,8 @@ from .leases import Leases
 
 RESERVE_PCT = 20
 """Charge that must be left in the battery on arrival, %."""
+SLOWEST_S = 100_000_000.0
+"""The longest time to arrive that a list can carry, s: a drone's own speed must not keep the list from leaving."""
 USED = (Location, Battery, MaxGroundspeed, Endurance, Armed, LandedState)
 """The states by which drones are chosen."""
 
@@ -43,7 +45,7 @@ def rank(
     judged = []
     for candidate in found:
         link = known[candidate.drone]
-        control = leases.refusal(candidate.drone, gs_session, epoch)
+        control = leases.refusal(candidate.drone, gs_session, epoch, now_ms)
         reason = None
         if not link.announced:
             reason = "unreachable"
@@ -71,7 +73,7 @@ def _candidate(command: Goto, link: DroneLink, now_ms: int) -> Candidate:
     if place is not None:
         distance_m = haversine_m(place.latitude_deg, place.longitude_deg, command.latitude_deg, command.longitude_deg)
         if fastest is not None and fastest.max_groundspeed_m_s > 0:
-            arrival_s = distance_m / fastest.max_groundspeed_m_s
+            arrival_s = min(SLOWEST_S, distance_m / fastest.max_groundspeed_m_s)
     if battery is not None and endurance is not None:
         usable = max(0, battery.remaining_pct - RESERVE_PCT) / 100
         range_m = usable * endurance.endurance_s * endurance.cruise_m_s

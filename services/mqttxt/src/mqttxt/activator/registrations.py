@@ -89,8 +89,8 @@ def _question(message: Registration) -> Registration:
 
 def _only(message: Registration, held: frozenset[int]) -> Registration:
     """Reduce a registration to drones that its station controls already."""
-    wanted = held.intersection(message.drones) if message.drones else held
-    return replace(message, control=message.control if wanted else Control.NONE, drones=tuple(sorted(wanted)) or None)
+    wanted = held if message.drones is None else held.intersection(message.drones)
+    return replace(message, control=message.control if wanted else Control.NONE, drones=tuple(sorted(wanted)))
 
 
 def _within_rights(message: Registration, rights: Rights) -> Registration:
@@ -99,6 +99,6 @@ def _within_rights(message: Registration, rights: Rights) -> Registration:
     if control is Control.TAKE and not rights.take_over:
         control = Control.WANT
     if rights.command is not None:
-        drones = tuple(sorted(rights.command.intersection(drones or rights.command)))
+        drones = tuple(sorted(rights.command.intersection(rights.command if drones is None else drones)))
         control = control if drones else Control.NONE
-    return replace(message, control=control, drones=drones or None)
+    return replace(message, control=control, drones=drones)

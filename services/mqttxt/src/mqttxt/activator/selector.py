@@ -35,13 +35,14 @@ class Choice:
     """A command for which a drone is being chosen: the list, and the index of the next drone.
 
     `said` is the list as it was published, and `chosen` the drone that it names. `tried` are the drones of the earlier
-    offers from which this one goes on (R7.7).
+    offers from which this one goes on (R7.7). `is_sending`: `Selector._try_next` waits for the relay's answer.
     """
 
     listed: tuple[Candidate, ...]
     left_out: tuple[Candidate, ...]
     next_index: int = 0
     cancelled: bool = False
+    is_sending: bool = False
     tried: frozenset[int] = frozenset()
     chosen: int | None = None
     said: Publish | None = None
@@ -106,6 +107,8 @@ class Selector:
     def _proceed(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
         if entry.record.query and wanted.mode in (SelectMode.SELECT, SelectMode.COMMIT):
             return self._ask_everyone(entry, now_ms)
+        if entry.record.may_be_forgotten(now_ms):
+            return self._close(entry, now_ms)
         if now_ms >= entry.record.deadline_ms:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         if wanted.mode is SelectMode.RELEASE:
@@ -178,36 +181,56 @@ class Selector:
 
     def _release(self, entry: Entry[Job], wanted: SelectMessage, now_ms: int) -> list[Effect]:
         self._reservations.pop(CommandId(wanted.gs_session, wanted.reservation or 0), None)
-        self._relay.ledger.close(entry, now_ms)
-        return []
+        return self._close(entry, now_ms)
 
     def _try_next(self, entry: Entry[Job], choice: Choice, now_ms: int) -> list[Effect]:
-        drone = choice.listed[choice.next_index].drone
-        choice.next_index += 1
-        entry.record.choosing = True
-        out = self._say(entry.id, choice, drone, None, now_ms)
-        return out + self._relay.forward(entry, drone, now_ms)
+        """Send the command to the next drone; those that the relay refuses at once are passed over.
+
+        A loop: all 250 may be refused, after a takeover for example, and as many calls in each other are too deep.
+        """
+        entry.record.choosing = choice.is_sending = True
+        out: list[Effect] = []
+        end: list[Effect] | None = None
+        while end is None:
+            drone = choice.listed[choice.next_index].drone
+            choice.next_index += 1
+            out += self._say(entry.id, choice, drone, None, now_ms)
+            out += self._relay.forward(entry, drone, now_ms)
+            leg = entry.record.legs[drone]
+            end = self._end(entry, choice, leg, now_ms) if leg.is_closed else []
+        choice.is_sending = False
+        return out + end
 
     def _on_last_word(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
         """A chosen drone has sent its last word: after a definite no, and only then, try the next."""
         choice = self._choices.get(entry.id)
         if choice is None:
             return self._on_answer(entry, now_ms)
-        if leg.words[-1].word not in PASSED_OVER:
-            entry.record.choosing = False
-            self._relay.ledger.close(entry, now_ms)
+        if choice.is_sending:
             return []
+        end = self._end(entry, choice, leg, now_ms)
+        return self._try_next(entry, choice, now_ms) if end is None else end
+
+    def _end(self, entry: Entry[Job], choice: Choice, leg: Leg, now_ms: int) -> list[Effect] | None:
+        """End a choice after a drone's last word; None if the next drone is to be tried."""
+        if leg.words[-1].word not in PASSED_OVER:
+            return self._close(entry, now_ms)
         if choice.cancelled:
             return self._relay.refuse(entry, "cancelled", now_ms)
         if now_ms >= entry.record.deadline_ms:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         if choice.next_index >= len(choice.listed):
             return self._relay.refuse(entry, "none_left", now_ms)
-        return self._try_next(entry, choice, now_ms)
+        return None
 
     def _ask_everyone(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """Send a query to every drone: an earlier session of this activator may have sent the command to any (R7.8)."""
-        drones = [listed.drone for listed in self._drones.asked()]
+        """Send a query to every drone: an earlier session of this activator may have sent the command to any (R7.8).
+
+        A signed command can only have gone to the drones that it is signed for.
+        """
+        signed = entry.record.signed
+        asked = [listed.drone for listed in self._drones.asked()]
+        drones = [drone for drone in asked if signed is None or drone in signed.envelopes]
         if not drones:
             return self._nobody_has_it(entry, now_ms)
         entry.record.choosing = True
@@ -220,23 +243,25 @@ class Selector:
             return []
         if all(leg.words[-1].word in PASSED_OVER for leg in legs):
             return self._nobody_has_it(entry, now_ms)
-        entry.record.choosing = False
-        self._relay.ledger.close(entry, now_ms)
-        return []
+        return self._close(entry, now_ms)
 
     def _nobody_has_it(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
         """No known drone has the command: denied only if the broker has shown the records of all drones (R7.8)."""
         if self._drones.were_shown:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+        return self._close(entry, now_ms)
+
+    def _close(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """Say nothing more of a choice as a whole."""
         entry.record.choosing = False
         self._relay.ledger.close(entry, now_ms)
         return []
 
-    def _on_overriding(self, gs_session: int, now_ms: int) -> list[Effect]:
+    def _on_overriding(self, overriding: CommandId) -> None:
         """A later hold, land or return of the same station: no other drone is sent in place of the stopped one."""
-        for command_id, choice in self._choices.items():
-            choice.cancelled = choice.cancelled or command_id.gs_session == gs_session
-        return []
+        for known, choice in self._choices.items():
+            is_later = known.gs_session == overriding.gs_session and known.seq < overriding.seq
+            choice.cancelled = choice.cancelled or is_later
 
     def _say(
         self, command_id: CommandId, choice: Choice, chosen: int | None, hold_until_ms: int | None, now_ms: int

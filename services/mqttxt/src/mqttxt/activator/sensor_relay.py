@@ -14,7 +14,7 @@ from .drones import CLOUD, FOG
 from .leases import Leases
 
 MOST_WAITING = 100
-"""How many of a drone's newest readings are remembered; more than it has in flight."""
+"""How many of a drone's readings are remembered, and await the cloud broker's PUBACK; more than it has in flight."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class SensorRelay:
         self._cloud = cloud
         self._fog = fog_side
         self._leases = leases
-        self._on_the_way: dict[Carried, bool] = {}
-        """Whether a station was registered when the reading was sent."""
+        self._on_the_way: dict[int, dict[ReadingKey, bool]] = {}
+        """By drone: whether a station was registered when the reading was sent."""
         self._safe: dict[int, list[ReadingKey]] = {}
         self._waiting: dict[int, dict[ReadingKey, None]] = {}
 
@@ -49,18 +49,18 @@ class SensorRelay:
         opened = self._to_fog.opened_reading(message.payload, topic.sensor, topic.name)
         reading = checked(topic.sensor, topic.name, decode(ReadingMessage, opened))
         self._wait(topic.drone, reading.key)
-        carried = Carried(topic.drone, reading.key)
-        if carried in self._on_the_way:
+        on_the_way = self._on_the_way.setdefault(topic.drone, {})
+        if reading.key in on_the_way or len(on_the_way) >= MOST_WAITING:
             return []
-        self._on_the_way[carried] = bool(self._leases)
+        on_the_way[reading.key] = bool(self._leases)
         to = self._cloud.drone_sensor(topic.drone, reading.sensor, reading.kind)
         is_signed = self._to_fog.signs_readings
         said = message.payload if is_signed else encode(reading.message, self._to_fog.settings.encoding)
-        return [Publish(CLOUD, to, said, qos=1, ref=carried)]
+        return [Publish(CLOUD, to, said, qos=1, ref=Carried(topic.drone, reading.key))]
 
     def on_published(self, carried: Carried, code: int, now_ms: int) -> list[Effect]:
         """The cloud broker's PUBACK; without a registered station the drone keeps the reading."""
-        had_station = self._on_the_way.pop(carried, False)
+        had_station = self._on_the_way.get(carried.drone, {}).pop(carried.key, False)
         if code == 0 and had_station and self._leases and self._to_fog.seal is None:
             self._safe.setdefault(carried.drone, []).append(carried.key)
         return []
