@@ -214,7 +214,7 @@ class Runs:
         return next((run for run in waiting if run.sends > run.acks), None)
 
     def sharing(self, key: AckKey) -> list[Run]:
-        """The runs that are sent under a key and not accepted: several only if commands that stop shared a component."""
+        """The runs that are sent under a key and not accepted: several only if commands that stop shared it."""
         return [run for run in self._runs if run.phase is Phase.SENT and run.ack_key == key]
 
     def is_free(self, key: AckKey, now_ms: int) -> bool:
