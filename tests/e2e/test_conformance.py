@@ -28,13 +28,13 @@ CHECKS = {
         *("--fog", "9", "--fog-root", "fog9/local/"),
         "--run",
         "mqttxt activator --fog {fog} --cloud {broker} --fog-broker {fog_broker} --fog-root {fog_root} "
-        "--drones {drones} --insecure",
+        "--drones {drones} --insecure --audit {audit}",
     ),
     "uav1": (
         *("uav", "--broker", CLOUD, "--drone", "77", "--autopilot", "udp:127.0.0.1:15540"),
         "--run",
         "mqttxt uav --drone {drone} --broker {broker} --autopilot {autopilot} --insecure "
-        "--journal /tmp/drone77.journal",
+        "--journal /tmp/drone77.journal --audit {audit}",
     ),
 }
 """In which container, and what: fogs and a drone that the fleet does not have."""

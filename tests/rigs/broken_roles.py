@@ -24,6 +24,7 @@ from mqttxt.activator.signed_commands import SignedCommand
 from mqttxt.activator.state_relay import StateRelay
 from mqttxt.activator.stations import Stations
 from mqttxt.activator.together import WordsTogether
+from mqttxt.core import hearing
 from mqttxt.core.bond import Bond
 from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
@@ -38,17 +39,28 @@ from mqttxt.core.mqtt.sn.own_topics import OwnTopics
 from mqttxt.core.mqtt.sn.sender import Receiver, Sender
 from mqttxt.core.mqtt.sn.together import Unpacker
 from mqttxt.core.session_owners import SessionOwners
-from mqttxt.drone import bulk
+from mqttxt.drone import bulk, command_writer, executor, interruptions, offboard, parameter_settings, published_states
+from mqttxt.drone.acknowledgements import Acknowledgements
+from mqttxt.drone.command_writer import CommandWriter
 from mqttxt.drone.commands import CommandDesk
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.grants import Grants
+from mqttxt.drone.logs.reader import LogReader
+from mqttxt.drone.mavlink import parameter_protocol, px4, signing
+from mqttxt.drone.mavlink.boots import Boots
+from mqttxt.drone.mavlink.sources import Source
+from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.drone.offboard import OffboardPilot
+from mqttxt.drone.parameter_copy import ParameterCopy
+from mqttxt.drone.parameter_settings import ParameterSettings
 from mqttxt.drone.role import UavClient
+from mqttxt.drone.runs import Phase
 from mqttxt.drone.start_order import StartOrder
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.control import DroneRecord, Registration
 from mqttxt.protocol.messages import CommandMessage, FogResultMessage, ResultMessage, Word
-from mqttxt.protocol.states import Armed, LandedState
+from mqttxt.protocol.states import Armed, FlightModeName, LandedState
 from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal, Signed
@@ -111,7 +123,7 @@ def uav_repeats_late() -> None:
 
         return send
 
-    wrap(Executor, "_send", make)
+    wrap(CommandWriter, "_write", make)
 
 
 def uav_forgets_the_order() -> None:
@@ -137,6 +149,175 @@ def uav_takes_retained() -> None:
         return lambda self, command, retained, now_ms: original(self, command, False, now_ms)
 
     wrap(CommandDesk, "_on_command", make)
+
+
+def uav_repeats_behind_a_pilot() -> None:
+    command_writer.is_taken_over = lambda run, vehicle: False
+
+
+def uav_takes_one_refusal_for_all() -> None:
+    def make(original: Any) -> Any:
+        def on_refusal(self: Any, run: Any, *more: Any) -> Any:
+            run.acks = run.sends
+            return original(self, run, *more)
+
+        return on_refusal
+
+    wrap(Acknowledgements, "_on_refusal", make)
+
+
+def uav_arms_again() -> None:
+    def make(original: Any) -> Any:
+        def await_ack(self: Any, run: Any, now_ms: int) -> Any:
+            run.has_shown = False
+            return original(self, run, now_ms)
+
+        return await_ack
+
+    wrap(CommandWriter, "await_ack", make)
+
+
+def uav_writes_behind_a_pilot() -> None:
+    command_writer.is_overridden = lambda run, runs, vehicle: False
+
+
+def uav_gives_modes_no_time() -> None:
+    interruptions.MODE_GRACE_MS = 0
+
+
+def uav_plans(**changed: Any) -> Patch:
+    """Plans of commands with other fields."""
+
+    def patch() -> None:
+        def make(original: Any) -> Any:
+            return lambda self, command, now_ms: replace(original(self, command, now_ms), **changed)
+
+        wrap(CommandWriter, "plan", make)
+
+    return patch
+
+
+def uav_holds_in_its_own_name() -> None:
+    command_writer.HALTING = (Source.COMPANION,)
+
+
+def uav_lets_a_disarm_wait() -> None:
+    command_writer.COMMANDING = (Source.COMPANION,)
+
+
+def uav_holds_by_mode_alone() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, vehicle, now_ms: self._mode(vehicle, FlightModeName.HOLD, px4.holds)
+
+    wrap(px4.Px4, "_hold", make)
+
+
+def uav_halts_by_heartbeats_alone() -> None:
+    wrap(Vehicle, "is_heard", lambda original: lambda self, now_ms: self.is_alive(now_ms))
+
+
+def uav_writes_what_is_flown_later() -> None:
+    command_writer.check = lambda command, vehicle, now_ms: None
+
+
+def uav_believes_a_restart() -> None:
+    wrap(Boots, "on_message", lambda original: lambda self, *arguments: None)
+
+
+def uav_goes_on_after_a_stall() -> None:
+    wrap(Executor, "stood_still", lambda original: lambda self: None)
+
+
+def uav_holds_against_a_pilot() -> None:
+    def make(original: Any) -> Any:
+        def observe_offboard(self: Any, run: Any, now_ms: int) -> Any:
+            is_running = run.phase is Phase.RUNNING
+            reason = executor.interrupted(run, self._runs, self.vehicle, now_ms) if is_running else None
+            return self._pilot.stop(run, Word.FAILED, reason, now_ms) if reason is not None else []
+
+        return observe_offboard
+
+    wrap(Executor, "_observe_offboard", make)
+    wrap(OffboardPilot, "_has_left", lambda original: lambda self, run: False)
+
+
+def uav_holds_once() -> None:
+    offboard.HOLD_AGAIN_MS = 60_000
+
+
+def uav_leaves_in_offboard() -> None:
+    wrap(OffboardPilot, "leave", lambda original: lambda self, now_ms: [])
+
+
+def uav_says_nothing_anew() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, lease, now_ms: original(self, replace(lease, anew=None), now_ms)
+
+    wrap(UavClient, "_on_lease", make)
+
+
+def uav_says_what_it_does_not_know() -> None:
+    published_states.LOST_MS = 1_000_000_000
+
+
+def does_not_ask_whether_it_is_heard() -> None:
+    hearing.SILENT_MS = 1_000_000_000
+
+
+def stays_deaf() -> None:
+    hearing.ANSWER_MS = 1_000_000_000
+
+
+def uav_writes_parameters_again() -> None:
+    original = parameter_protocol.read
+
+    def read(system: int, name: str, bytewise: bool, sends: int = parameter_protocol.SENDS) -> Any:
+        found = yield from original(system, name, bytewise, sends)
+        is_before = sends == parameter_protocol.FEW_SENDS
+        return replace(found, value=found.value + 1) if is_before else found
+
+    parameter_protocol.read = read
+
+
+def uav_guards_no_parameter() -> None:
+    parameter_settings.is_guarded = lambda name: False
+
+
+def uav_sets_parameters_late() -> None:
+    def make(original: Any) -> Any:
+        def start(self: Any, command_id: Any, command: Any, deadline_ms: int, *more: Any) -> Any:
+            return original(self, command_id, command, deadline_ms + 60_000, *more)
+
+        return start
+
+    wrap(ParameterSettings, "start", make)
+
+
+def uav_gives_every_set_whole() -> None:
+    wrap(ParameterCopy, "_packed", lambda original: lambda self, found, known: found.packed())
+
+
+def uav_asks_for_logs_armed() -> None:
+    wrap(LogReader, "_refusal", lambda original: lambda self, now_ms: None)
+
+
+def uav_reads_logs_first() -> None:
+    wrap(LogReader, "give_way", lambda original: lambda self, now_ms: [])
+
+
+def uav_audits_no_words() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, word, now_ms: replace(original(self, word, now_ms), event="said")
+
+    wrap(CommandDesk, "_audited", make)
+
+
+def uav_signs_for_another_link() -> None:
+    signing.LINK_ID = 1
+
+
+def uav_hears_what_is_not_signed() -> None:
+    wrap(signing.Signing, "judge", lambda original: lambda self, message, now_s: message)
 
 
 def uav_is_always_a_ground_station() -> None:
@@ -229,6 +410,10 @@ def activator_keeps_the_gate_open() -> None:
     wrap(Leases, "_look_at_forms", make)
 
 
+def activator_audits_nobody() -> None:
+    wrap(Relay, "_audited", lambda original: lambda self, *arguments: replace(original(self, *arguments), who=None))
+
+
 def activator_forwards_the_deadline() -> None:
     def make(original: Any) -> Any:
         def publish(self: Any, entry: Any, leg: Any, remaining_ms: int) -> Any:
@@ -281,7 +466,7 @@ def activator_answers_nothing_anew() -> None:
 
 
 def activator_obeys_everybody() -> None:
-    wrap(Leases, "refusal", lambda original: lambda self, drone, gs_session, epoch: None)
+    wrap(Leases, "refusal", lambda original: lambda self, *arguments: None)
 
 
 def activator_chooses_who_cannot_go() -> None:
@@ -648,6 +833,39 @@ VARIANTS: dict[str, Patch] = {
     "activator-believes-every-will": activator_believes_every_will,
     "uav-executes-each-copy": uav_executes_duplicates,
     "uav-takes-retained": uav_takes_retained,
+    "uav-repeats-behind-a-pilot": uav_repeats_behind_a_pilot,
+    "uav-takes-one-refusal-for-all": uav_takes_one_refusal_for_all,
+    "uav-arms-again": uav_arms_again,
+    "uav-writes-behind-a-pilot": uav_writes_behind_a_pilot,
+    "uav-gives-modes-no-time": uav_gives_modes_no_time,
+    "uav-takes-any-hold-for-a-climbs-end": uav_plans(near=None),
+    "uav-arms-in-any-mode": uav_plans(first_mode=None),
+    "uav-holds-in-its-own-name": uav_holds_in_its_own_name,
+    "uav-lets-a-disarm-wait": uav_lets_a_disarm_wait,
+    "uav-holds-by-mode-alone": uav_holds_by_mode_alone,
+    "uav-halts-by-heartbeats-alone": uav_halts_by_heartbeats_alone,
+    "uav-writes-what-is-flown-later": uav_writes_what_is_flown_later,
+    "uav-believes-a-restart": uav_believes_a_restart,
+    "uav-goes-on-after-a-stall": uav_goes_on_after_a_stall,
+    "uav-holds-against-a-pilot": uav_holds_against_a_pilot,
+    "uav-holds-once": uav_holds_once,
+    "uav-leaves-in-offboard": uav_leaves_in_offboard,
+    "uav-says-nothing-anew": uav_says_nothing_anew,
+    "uav-says-what-it-does-not-know": uav_says_what_it_does_not_know,
+    "uav-does-not-ask-whether-it-is-heard": does_not_ask_whether_it_is_heard,
+    "gs-does-not-ask-whether-it-is-heard": does_not_ask_whether_it_is_heard,
+    "uav-stays-deaf": stays_deaf,
+    "activator-stays-deaf": stays_deaf,
+    "activator-audits-nobody": activator_audits_nobody,
+    "uav-writes-parameters-again": uav_writes_parameters_again,
+    "uav-guards-no-parameter": uav_guards_no_parameter,
+    "uav-sets-parameters-late": uav_sets_parameters_late,
+    "uav-gives-every-set-whole": uav_gives_every_set_whole,
+    "uav-asks-for-logs-armed": uav_asks_for_logs_armed,
+    "uav-reads-logs-first": uav_reads_logs_first,
+    "uav-audits-no-words": uav_audits_no_words,
+    "uav-signs-for-another-link": uav_signs_for_another_link,
+    "uav-hears-what-is-not-signed": uav_hears_what_is_not_signed,
     "uav-is-always-a-ground-station": uav_is_always_a_ground_station,
     "uav-verifies-nothing": uav_verifies_nothing,
     "uav-takes-everybodys-session": uav_takes_everybodys_session,

@@ -65,3 +65,26 @@ async def test_a_log_may_be_no_file() -> None:
     await found.start()
     await found.ended()
     assert found.ending == "exit code 0"
+
+
+async def test_a_start_may_change_a_value_and_the_next_one_has_its_own_again(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    line = shlex.join([sys.executable, "-c", "import sys; print(sys.argv[1])"]) + " {broker}"
+    found = Subject(line, {"broker": "first", "audit": "file"}, log)
+    assert (found.names("broker"), found.names("audit")) == (True, False)
+    await found.start(broker="other")
+    await found.ended()
+    await found.start()
+    await found.ended()
+    assert log.read_text().splitlines() == ["other", "first"]
+
+
+async def test_what_is_stopped_stands_still_and_goes_on(tmp_path: Path) -> None:
+    flag = tmp_path / "flag"
+    found = subject(f"import pathlib, time; time.sleep(0.2); pathlib.Path({str(flag)!r}).touch()")
+    await found.start()
+    with found.stopped():
+        assert await found.ended(0.5) is None
+        assert not flag.exists()
+    assert await found.ended() == 0
+    assert flag.exists()

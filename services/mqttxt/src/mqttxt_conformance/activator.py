@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import secrets
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
@@ -18,9 +20,11 @@ from .subject import Subject
 from .tap import Tap, clear_retained
 
 # Importing these modules registers their rules, in this order.
-from . import activator_gate, activator_presence, activator_commands, activator_control, activator_two_brokers  # isort: skip
+from . import activator_gate, activator_presence, activator_commands, activator_audit  # isort: skip
+from . import activator_control, activator_two_brokers  # isort: skip
 
 ENDING = (
+    activator_presence.leaves_a_connection_that_delivers_nothing,
     activator_presence.will_carries_the_session,
     activator_presence.a_second_one_refuses_to_start,
     activator_presence.a_clean_stop_says_down,
@@ -43,6 +47,18 @@ async def check_activator(
     """Check an activator; raises ConfigurationError for an unreachable broker, a bad `run` or a missing identity."""
     if target.folder is not None:
         return await _check_signed(cloud_broker, fog_broker, target, target.folder, on_finding)
+    with tempfile.TemporaryDirectory(prefix="mqttxt-conformance-") as own:
+        return await _check(cloud_broker, fog_broker, target, on_finding, Path(own))
+
+
+async def _check(
+    cloud_broker: BrokerAddress,
+    fog_broker: BrokerAddress,
+    target: ActivatorTarget,
+    on_finding: Callable[[Finding], None],
+    files: Path,
+) -> list[Finding]:
+    """Check an activator that does not sign; `files` is a folder for the files that the kit names in `run`."""
     topics, fog_side = CloudSide(target.fog, target.prefix), FogSide(target.fog_root)
     clock = SessionClock()
     values = {
@@ -51,6 +67,7 @@ async def check_activator(
         "fog": str(target.fog),
         "drones": "1,2",
         "fog_root": target.fog_root,
+        "audit": str(files / "audit.log"),
     }
     values |= {"second_fog_broker": str(target.second)} if target.second is not None else {}
     subject = Subject(target.run, values, target.log)
@@ -63,6 +80,7 @@ async def check_activator(
         second, checked = Tap(target.second, f"{own}-second", clock), RULES[activator_two_brokers.ROLE]
         await second.connect("--second-fog-broker")
     kit = ActivatorKit(topics, fog_side, cloud, fog, subject, clock, second)
+    kit.audit = files / "audit.log" if subject.names("audit") else None
     try:
         for each in kit.fogs:
             await clear_retained(each, [fog_side.reachable(number) for number in (1, 2)])
@@ -130,6 +148,7 @@ async def _check_signed(
 
 __all__ = [
     "ActivatorTarget",
+    "activator_audit",
     "activator_commands",
     "activator_control",
     "activator_gate",

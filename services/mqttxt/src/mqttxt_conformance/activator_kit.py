@@ -82,6 +82,8 @@ class ActivatorKit:
         self.fog = fog
         self.subject = subject
         self.clock = clock
+        self.audit: Path | None = None
+        """The file of the activator's audit log; None unless the kit has named it."""
         self.session = 0
         self.remote = RemoteClock(1)
         self.birth: Heard | None = None

@@ -11,12 +11,19 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.core.clock import SessionClock
 
+from .autopilot_keeps import INT32, REAL32, Logs, Parameters
+from .mavlink_signing import Signer
+
 ARM, TAKEOFF, LAND, REPOSITION, SET_MODE = 400, 22, 21, 192, 176
 FLIGHT = frozenset({ARM, TAKEOFF, LAND, REPOSITION, SET_MODE})
 """The MAV_CMDs that move a drone; requests for messages are not counted."""
 HOLD_MODE, LAND_MODE, TAKEOFF_MODE, POSITION_MODE, OFFBOARD_MODE = (4, 3), (4, 6), (4, 2), (3, 0), (6, 0)
 HOME = (473_977_420, 85_455_940, 488_000)
 """Latitude, longitude in 1e-7 degrees; altitude in mm above mean sea level."""
+_STREAMED = ("MPC_XY_VEL_MAX", "MPC_XY_CRUISE")
+"""The parameters behind states."""
+WHOLE, FLOAT, GUARDED = "SDLOG_PROFILE", "MPC_TKO_SPEED", "NAV_DLL_ACT"
+"""A parameter that is a whole number, one that is not, and one that is set only if it is enabled (R17.9)."""
 STREAM_S = 0.2
 GCS = 6
 """MAV_TYPE_GCS."""
@@ -53,8 +60,16 @@ class Autopilot:
         self.altitude_mm = 0
         self.landed = 1
         self.silent = False
+        self.withheld: frozenset[str] = frozenset()
+        """The types of messages that it does not send."""
         self.manners: dict[int, Manner] = {}
+        self.parameters = Parameters(
+            {**dict.fromkeys((*_STREAMED, FLOAT), (REAL32, 5.0)), WHOLE: (INT32, 1), GUARDED: (INT32, 2)}
+        )
+        self.logs = Logs()
+        self.signer: Signer | None = None
         self.written: list[Written] = []
+        self._booted_ms = 0
         self._address = (host, port)
         self._clock = clock
         self._parser = mavlink.MAVLink(None)
@@ -92,11 +107,13 @@ class Autopilot:
         return [written for written in self.written[mark:] if written.message.get_type() == kind]
 
     def send(self, message: Any, component: int = 1, system: int | None = None) -> None:
-        """Send a message, by default from the autopilot's own ids."""
-        if self._transport is None:
+        """Send a message unless it is withheld, by default from the autopilot's own ids."""
+        if self._transport is None or message.get_type() in self.withheld:
             return
         encoder = mavlink.MAVLink(None, srcSystem=system or self.system, srcComponent=component)
         encoder.seq = self._seq = (self._seq + 1) % 256
+        if self.signer is not None:
+            self.signer.equip(encoder)
         self._transport.sendto(message.pack(encoder))
 
     def acknowledge(
@@ -112,11 +129,22 @@ class Autopilot:
         main, sub = self.mode
         self.send(mavlink.MAVLink_heartbeat_message(2, 12, base, main << 16 | sub << 24, 4, 3))
         latitude, longitude, amsl = HOME
-        now_ms, up = self._clock.now_ms() % 2**32, self.altitude_mm
+        now_ms, up = (self._clock.now_ms() - self._booted_ms) % 2**32, self.altitude_mm
         self.send(
             mavlink.MAVLink_global_position_int_message(now_ms, latitude, longitude, amsl + up, up, 0, 0, 0, 9000)
         )
         self.send(mavlink.MAVLink_extended_sys_state_message(0, self.landed))
+
+    def reset(self) -> None:
+        """Be disarmed, in hold, on the ground, and execute every command."""
+        self.manners.clear()
+        self.silent, self.withheld, self.parameters.takes_none = False, frozenset(), False
+        self.armed, self.mode, self.landed, self.altitude_mm = False, HOLD_MODE, 1, 0
+
+    def boot(self) -> None:
+        """Start anew, on the ground for all it knows."""
+        self._booted_ms = self._clock.now_ms()
+        self.reset()
 
     async def _stream(self) -> None:
         turn = 0
@@ -151,8 +179,8 @@ class Autopilot:
         )
         cells = [4000] + [65_535] * 9
         self.send(mavlink.MAVLink_battery_status_message(0, 0, 1, 32_767, cells, 0, -1, -1, 87))
-        for index, (name, value) in enumerate((("MPC_XY_VEL_MAX", 12.0), ("MPC_XY_CRUISE", 5.0))):
-            self.send(mavlink.MAVLink_param_value_message(name.encode(), value, 9, 2, index))
+        for name in _STREAMED:
+            self.send(self.parameters.told(name))
 
     def _on_datagram(self, data: bytes) -> None:
         at_ms = self._clock.now_ms()
@@ -162,6 +190,8 @@ class Autopilot:
             self.written.append(Written(at_ms, message))
             if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
                 self._on_command(message)
+            for answer in (*self.parameters.answers(message), *self.logs.answers(message)):
+                self.send(answer)
 
     def _on_command(self, message: Any) -> None:
         manner = self.manners.get(message.command, Manner())

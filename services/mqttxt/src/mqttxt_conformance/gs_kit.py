@@ -33,6 +33,7 @@ from mqttxt.protocol.topics import CloudSide
 from mqttxt.protocol.values import Encoding
 
 from . import shapes
+from .deaf import SILENT_S
 from .readings import Sensor
 from .registry import Broken
 from .sealed import Folder
@@ -105,6 +106,10 @@ class GsKit:
         self.together: list[Timed] = []
         """Broadcasts that the kit answered with words together."""
         self.upset_ms: int | None = None
+        self.is_mute = False
+        """Whether it publishes nothing that the station hears."""
+        self.hushed: tuple[int, int] | None = None
+        """How many messages had come, and the time, when the kit fell silent."""
         self.killed_mark: int | None = None
         self.stopped_mark: int | None = None
         self.exit_code: int | None = None
@@ -132,6 +137,8 @@ class GsKit:
         return self.activator.session % (2**32 - 1) + 1
 
     def _tell_record(self) -> None:
+        if self.is_mute:
+            return
         newest = self.enrolments[-1].fields if self.enrolments else None
         record = DroneRecord(
             activator_session=self.activator.session,
@@ -145,6 +152,8 @@ class GsKit:
 
     def _beacon(self, nonce: int | None) -> None:
         """Publish a beacon after a delay of BEACON_HELD_S."""
+        if self.is_mute:
+            return
         held_ms = 0 if nonce is not None else None
         now_ms = self.activator.now_ms()
         message = BeaconMessage(session=self.activator.session, now_ms=now_ms, nonce=nonce, held_ms=held_ms)
@@ -286,6 +295,14 @@ class GsKit:
         ]
         return [(heard, shapes.read("presence", heard.payload)) for heard in found]
 
+    def births_in_silence(self) -> list[Heard]:
+        """Its births so long after the kit fell silent that they answer nothing that it heard before (R9.1)."""
+        mark, hushed_ms = self.hushed or (len(self.tap.heard), 0)
+        session, from_ms = self.enrolments[-1].fields["session"], hushed_ms + (SILENT_S - 2) * 1000
+        said = self.presences(mark, self.killed_mark)
+        own = [heard for heard, presence in said if (presence["session"], presence["up"]) == (session, True)]
+        return [heard for heard in own if heard.at_ms > from_ms]
+
     async def close(self) -> None:
         await self.subject.kill()
         for task in list(self._tasks):
@@ -293,7 +310,7 @@ class GsKit:
         topics = [self.topics.reachable, self.topics.drone_reachable(self.drone)]
         topics += [self.topics.drone_birth(self.drone)] if self.secured is not None else []
         theirs = [command.heard.topic for command in self.commands if command.heard.retain]
-        theirs += [heard.topic for heard in self.tap.heard if heard.topic.startswith(f"{self.prefix}gs/")]
+        theirs += [f"{self.prefix}gs/{one.fields['name']}/reachable" for one in self.enrolments]
         await clear_retained(self.tap, set(topics))
         await clear_retained(self.twin, set(theirs))
         await self.tap.close()

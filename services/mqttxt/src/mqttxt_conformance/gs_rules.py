@@ -7,6 +7,7 @@ from itertools import pairwise
 from mqttxt.core.clock import expiry_s
 
 from . import shapes
+from .deaf import SILENT_S
 from .gs_kit import EPOCH, LONGEST_LEASE_S, GsKit, Timed
 from .registry import NotTested, expect, rule
 
@@ -291,3 +292,14 @@ async def will_carries_the_session(kit: GsKit) -> str:
     own = kit.last_words()
     expect(own and not own[0]["up"], f"SIGKILL: came {wills}, expected session {session}, down")
     return f"will {own[0]}"
+
+
+@rule("gs", "R9.17")
+async def asks_whether_it_is_heard(kit: GsKit) -> str:
+    """Where it has heard nothing for 12 s it publishes its birth again."""
+    kit.subject.need()
+    if kit.hushed is None:
+        raise NotTested("started a second time it did not register")
+    births, (_, hushed_ms) = kit.births_in_silence(), kit.hushed
+    expect(births, f"no birth after {SILENT_S:g} s in which it heard nothing")
+    return f"its birth came again after {(births[0].at_ms - hushed_ms) / 1000:.1f} s of silence"

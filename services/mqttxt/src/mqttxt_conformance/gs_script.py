@@ -10,10 +10,13 @@ from functools import partial
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.messages import Presence, Word
 
+from .deaf import SILENT_S
 from .gs_kit import APPEAR_S, BEACON_HELD_S, LONGEST_LEASE_S, NEXT_S, GsKit
 from .readings import KIND, SENSOR, Sensor
 from .registry import Broken, NotTested
 from .sealed import STATION
+
+_LATE_S = 6.0
 
 
 async def play(kit: GsKit) -> None:
@@ -132,7 +135,14 @@ async def _end(kit: GsKit) -> None:
     if len(kit.enrolments) > count:
         name = kit.enrolments[-1].fields["name"]
         kit.presence_topic = f"{kit.prefix}gs/{name}/reachable"
-        await asyncio.sleep(0.2)
+        await _be_silent(kit)
         kit.killed_mark = len(kit.tap.heard)
         await kit.subject.kill()
         await kit.tap.until(kit.last_words, 5)
+
+
+async def _be_silent(kit: GsKit) -> None:
+    """Publish nothing any more, until the station asks whether it is heard."""
+    await asyncio.sleep(2 * BEACON_HELD_S)
+    kit.is_mute, kit.hushed = True, (len(kit.tap.heard), kit.clock.now_ms())
+    await kit.tap.until(kit.births_in_silence, SILENT_S + _LATE_S)

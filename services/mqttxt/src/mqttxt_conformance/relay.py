@@ -26,7 +26,7 @@ class Relay:
         self._is_cut = False
 
     async def start(self) -> Self:
-        self._server = await asyncio.start_server(self._accept, self._broker.host, self.address.port)
+        self._server = await asyncio.start_server(self._accept, self.address.host, self.address.port)
         self.address = replace(self.address, port=self._server.sockets[0].getsockname()[1])
         return self
 

@@ -6,7 +6,9 @@ import asyncio
 import contextlib
 import os
 import shlex
+import signal
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
@@ -24,7 +26,8 @@ class Subject:
     """Starts and ends the command line as often as rules need it; without one, rules that need it are not tested."""
 
     def __init__(self, command_line: str | None, values: dict[str, str], log: Path | None = None) -> None:
-        self._arguments: list[str] = []
+        self._parts: list[str] = []
+        self._values = values
         self._process: asyncio.subprocess.Process | None = None
         self._output = log
         """The file that gets its stderr, and with a log its stdout too; its newest run begins at byte `_from_byte`."""
@@ -34,20 +37,24 @@ class Subject:
         if command_line is None:
             return
         try:
-            parts = shlex.split(command_line)
-            self._arguments = [part.format(**values) for part in parts]
+            self._parts = shlex.split(command_line)
+            self._arguments()
         except (ValueError, KeyError, IndexError) as error:
             known = ", ".join("{" + name + "}" for name in values)
             raise ConfigurationError(
                 f"--run {command_line!r}: {error}; expected a command line, with {known}"
             ) from None
-        if not self._arguments:
+        if not self._parts:
             raise ConfigurationError("--run '': expected a command line")
 
     @property
     def is_ours(self) -> bool:
         """Whether the kit can start and end the implementation."""
-        return bool(self._arguments)
+        return bool(self._parts)
+
+    def names(self, value: str) -> bool:
+        """Whether the command line has a value's name in braces."""
+        return any("{" + value + "}" in part for part in self._parts)
 
     @property
     def exit_code(self) -> int | None:
@@ -73,8 +80,12 @@ class Subject:
             lines = output.read().decode(errors="replace").split("\n")
         return next((printable(line.strip())[:_LONGEST_LINE] for line in reversed(lines) if line.strip()), "")
 
-    async def start(self) -> None:
-        """Start the command line; raises ConfigurationError if the program cannot be started."""
+    def _arguments(self, **changed: str) -> list[str]:
+        return [part.format(**{**self._values, **changed}) for part in self._parts]
+
+    async def start(self, **changed: str) -> None:
+        """Start the command line, with `changed` values; raises ConfigurationError if the program cannot be started."""
+        arguments = self._arguments(**changed)
         if self._output is None:
             self._unlogged = tempfile.NamedTemporaryFile(prefix="mqttxt-conformance-")  # noqa: SIM115
             self._output = Path(self._unlogged.name)
@@ -82,13 +93,13 @@ class Subject:
             self._from_byte = os.fstat(output.fileno()).st_size
             try:
                 self._process = await asyncio.create_subprocess_exec(
-                    *self._arguments,
+                    *arguments,
                     stdin=asyncio.subprocess.DEVNULL,
                     stdout=output if self._unlogged is None else asyncio.subprocess.DEVNULL,
                     stderr=output,
                 )
             except OSError as error:
-                raise ConfigurationError(f"--run {self._arguments[0]!r}: {error.strerror or error}") from error
+                raise ConfigurationError(f"--run {arguments[0]!r}: {error.strerror or error}") from error
 
     def need(self) -> None:
         """Raises NotTested if the kit cannot start the implementation."""
@@ -102,6 +113,16 @@ class Subject:
             async with asyncio.timeout(limit_s):
                 await self._process.wait()
         return self._process.returncode
+
+    @contextlib.contextmanager
+    def stopped(self) -> Iterator[None]:
+        """Let it stand still, by SIGSTOP and SIGCONT."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._process.send_signal(signal.SIGCONT)
 
     def terminate(self) -> None:
         """Send SIGTERM: a clean stop."""

@@ -113,7 +113,7 @@ class Tap(Line):
         reconnects: bool = True,
     ) -> None:
         super().__init__(clock)
-        self._address = address
+        self.address = address
         self._connected: asyncio.Future[int] = self._loop.create_future()
         self.connack = Properties(PacketTypes.CONNACK)  # type: ignore[no-untyped-call]
         """The properties of the broker's CONNACK."""
@@ -160,8 +160,8 @@ class Tap(Line):
             await self._loop.run_in_executor(
                 None,
                 lambda: self._client.connect(
-                    self._address.host,
-                    self._address.port,
+                    self.address.host,
+                    self.address.port,
                     keepalive_s,
                     clean_start=clean_start,
                     properties=properties,
@@ -171,9 +171,9 @@ class Tap(Line):
             async with asyncio.timeout(CONNECT_S):
                 code = await self._connected
         except (OSError, TimeoutError) as error:
-            raise ConfigurationError(f"{what} {self._address}: no broker answers: {error or 'time-out'}") from error
+            raise ConfigurationError(f"{what} {self.address}: no broker answers: {error or 'time-out'}") from error
         if code != 0:
-            raise ConfigurationError(f"{what} {self._address}: the broker refused with reason code 0x{code:02x}")
+            raise ConfigurationError(f"{what} {self.address}: the broker refused with reason code 0x{code:02x}")
 
     async def subscribe(self, *filters: str, options: SubscribeOptions | None = None) -> int:
         """Subscribe; by default at QoS 1, with retained messages, Retain As Published and No Local.

@@ -5,15 +5,13 @@ from __future__ import annotations
 import asyncio
 
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.commands import Arm, Hold, Land, Return, Stream
+from mqttxt.protocol.commands import Arm, Hold, Land, Stream
 from mqttxt.protocol.values import Encoding
 
 from . import shapes
 from .autopilot import ARM, LAND, LAND_MODE, POSITION_MODE, SET_MODE, Manner
 from .registry import expect, rule
 from .uav_kit import QUIET_S, UavKit
-
-_FAR_MS = 61_000
 
 
 @rule("uav", "R5.8", "R3.4")
@@ -90,23 +88,23 @@ async def does_not_repeat_late(kit: UavKit) -> str:
 async def repeats_in_measure(kit: UavKit) -> str:
     """What is not acknowledged is written up to 4 times, 0.5 s apart; then the MAV_CMD rests for 3 s."""
     await kit.calm()
-    kit.autopilot.manners[SET_MODE] = Manner(result=None)
+    kit.autopilot.manners[ARM] = Manner(result=None)
     mark = len(kit.autopilot.written)
-    message = kit.command(Return(), ttl_ms=20_000)
+    message = kit.command(Arm(), ttl_ms=20_000)
     kit.publish(message)
     words = await kit.outcome(message, 10)
     closed_ms = words.at_ms[-1] if words.at_ms else kit.clock.now_ms()
-    written = kit.autopilot.flights(mark, SET_MODE)
+    written = kit.autopilot.flights(mark, ARM)
     after = [one.at_ms - written[0].at_ms for one in written]
     expect(1 <= len(written) <= 4, f"written {len(written)} times, after {after} ms")
     expect(all(ms > 500 * n - 150 for n, ms in enumerate(after)), f"written after {after} ms, expected every 500")
     expect(words.names == ["unconfirmed"], f"never acknowledged: came {words}")
     kit.autopilot.manners.clear()
-    kit.autopilot.mode = POSITION_MODE
-    second = kit.command(Return(), gs_session=message.gs_session, seq=2, ttl_ms=10_000)
+    second = kit.command(Arm(), gs_session=message.gs_session, seq=2, ttl_ms=10_000)
     kit.publish(second)
-    again = await kit.written(len(kit.autopilot.written), SET_MODE, 6)
-    rested = (again[0].at_ms if again else kit.clock.now_ms()) - closed_ms
+    again = await kit.written(len(kit.autopilot.written), ARM, 6)
+    expect(again, f"a second arm, after the first one's time-out: not written; came {await kit.outcome(second)}")
+    rested = again[0].at_ms - closed_ms
     expect(rested > 2500, f"after the time-out the number rested for {rested} ms, expected 3000")
     await kit.outcome(second)
     return f"written {len(written)} times, after {after} ms; came {words}; the number rested for {rested} ms"
@@ -152,6 +150,25 @@ async def passes_on_the_result(kit: UavKit) -> str:
     percent = words.words[0].get("percent") if words.words else None
     expect(words.names[:1] == ["in_progress"] and percent == 40, f"IN_PROGRESS 40: came {words}, percent {percent}")
     return f"MAV_RESULT {'; '.join(said)}; 5 with 40: {words}"
+
+
+@rule("uav", "R5.6")
+async def takes_no_refusal_of_one_copy(kit: UavKit) -> str:
+    """A refusal of one copy is no definite no while another one is unanswered: `unconfirmed(refused_once)`."""
+    await kit.fly()
+    kit.autopilot.manners[LAND] = Manner(result=None)
+    mark = len(kit.autopilot.written)
+    message = kit.command(Land())
+    kit.publish(message)
+    await kit.written(mark, LAND)
+    kit.autopilot.manners[LAND] = Manner(result=2)
+    words = await kit.outcome(message)
+    copies = len(kit.autopilot.flights(mark, LAND))
+    reason = (words.last or {}).get("reason")
+    expect(copies == 2, f"land, the first copy unanswered, the second refused: written {copies} times; came {words}")
+    is_so = words.names == ["unconfirmed"] and reason == "refused_once"
+    expect(is_so, f"land, the first copy unanswered, the second refused: came {words}")
+    return f"land, the first copy unanswered, the second refused: came {words}; not written again"
 
 
 @rule("uav", "R4.8")

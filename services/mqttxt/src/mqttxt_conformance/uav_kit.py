@@ -20,7 +20,7 @@ from mqttxt.protocol.values import Encoding
 from mqttxt.security.seal import Seal
 
 from . import shapes
-from .autopilot import HOLD_MODE, Autopilot, Written
+from .autopilot import Autopilot, Written
 from .registry import Broken, NotTested, expect
 from .relay import Two
 from .sealed import STATION, Folder
@@ -35,6 +35,10 @@ BIRTH_S = 30.0
 LEASE_MS = 60_000
 QUIET_S = 0.4
 """How long to listen for a message that must not arrive."""
+TOLD_S = 0.05
+"""How long what the autopilot tells may be under way."""
+FLIGHT_MM = 20_000
+"""The height above home of a drone that flies."""
 SLACK_MS = 250
 """The longest time assumed between the write of a datagram and its arrival at the kit."""
 
@@ -63,6 +67,10 @@ class UavKit:
         self.tap = tap
         self.twin = tap
         """A connection that may publish on the drone's own topics."""
+        self.broker: BrokerAddress | None = None
+        """The broker of `tap`; None over datagrams."""
+        self.audit: Path | None = None
+        """The file of the client's audit log; None unless the kit has named it."""
         self._two: Two | None = None
         self.subject = subject
         self.clock = clock
@@ -276,12 +284,20 @@ class UavKit:
 
     async def calm(self) -> None:
         """Reset the autopilot: disarmed, in hold, executing every command."""
-        self.autopilot.manners.clear()
-        self.autopilot.silent = False
-        self.autopilot.armed, self.autopilot.mode = False, HOLD_MODE
-        self.autopilot.altitude_mm, self.autopilot.landed = 0, 1
+        self.autopilot.reset()
+        await self.show()
+
+    async def fly(self) -> None:
+        """Reset the autopilot as `calm` does, but armed and in the air."""
+        await self.calm()
+        self.autopilot.armed, self.autopilot.landed, self.autopilot.altitude_mm = True, 2, FLIGHT_MM
+        await self.show()
+
+    async def show(self, mode: tuple[int, int] | None = None) -> None:
+        """Have the autopilot tell its state, in another mode if one is given, and let that arrive."""
+        self.autopilot.mode = mode or self.autopilot.mode
         self.autopilot.tell()
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(TOLD_S)
 
     async def close(self) -> None:
         await self.subject.kill()

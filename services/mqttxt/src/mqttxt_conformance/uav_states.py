@@ -13,11 +13,13 @@ from .fields import FIRST_WORDS
 from .registry import NotTested, expect, rule
 from .tap import Heard
 from .uav_kit import UavKit
+from .uav_knowledge import UNKNOWN
 
 _STAMPS_MS = STAMP_MODULUS * STAMP_TICK_MS
 _HEARTBEAT_MS = 30_000
 _BEACONS_MS = 10_000
 _GRACE_MS = 1_500
+_DEFINITE_NOS = ("denied", "unsupported", "expired", "overtaken", "unreachable")
 
 
 def _states(kit: UavKit) -> list[tuple[Heard, int | None, str]]:
@@ -56,6 +58,7 @@ async def states_are_repeated(kit: UavKit) -> str:
     times: dict[str, list[int]] = {}
     for heard, _, name in _states(kit):
         times.setdefault(name, []).append(heard.at_ms)
+    times.pop(UNKNOWN, None)  # the kit has withheld it
     for name, at_ms in times.items():
         gaps = [later - earlier for earlier, later in zip(at_ms, [*at_ms[1:], now_ms], strict=True)]
         expect(max(gaps) <= _HEARTBEAT_MS + _GRACE_MS, f"{name} was not heard for {max(gaps) / 1000:.1f} s")
@@ -92,7 +95,7 @@ async def its_clock_runs_evenly(kit: UavKit) -> str:
 
 @rule("uav", "R5.9")
 async def says_one_last_word(kit: UavKit) -> str:
-    """Every id has one last word, and first words only before it."""
+    """Every id has one last word, first words only before it, and no definite no behind a first word."""
     below = f"{kit.topics.root}drone{kit.drone}/commands_result/"
     said: dict[tuple[int, int], list[str]] = {}
     for heard in kit.tap.since(0, below=below):
@@ -106,6 +109,8 @@ async def says_one_last_word(kit: UavKit) -> str:
         last = [word for word in words if word not in FIRST_WORDS]
         expect(len(last) <= 1, f"of {gs_session}:{seq} came {', '.join(words)}")
         expect(not last or words[-1] == last[0], f"of {gs_session}:{seq} came {', '.join(words)}")
+        is_begun = words[0] in FIRST_WORDS
+        expect(not is_begun or words[-1] not in _DEFINITE_NOS, f"of {gs_session}:{seq} came {', '.join(words)}")
     return f"{len(said)} ids, none with two last words"
 
 

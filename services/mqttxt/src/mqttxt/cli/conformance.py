@@ -81,8 +81,9 @@ def uav(
 ) -> None:
     """Check a UAV client: the kit plays its activator and its autopilot.
 
-    {broker}, {drone} and {autopilot} in --run are replaced; with --fleet also {identity} and {fog}, and with
-    --second-broker {second_broker}: both are then the kit's links, which it cuts under the client. With mqtt-sn:// it
+    {broker}, {drone} and {autopilot} in --run are replaced, and the names of files {audit} and {mavlink_key}; with
+    --fleet also {identity} and {fog}, and with --second-broker {second_broker}: both are then the kit's links, which it
+    cuts under the client. With mqtt-sn:// it
     is checked by the rules of section 20 alone. The fleet has a station `ops` that may command the drone, and a station
     `guest` that may only observe.
     """
@@ -131,10 +132,10 @@ def activator(
 ) -> None:
     """Check an activator: the kit plays its ground stations and its drones 1 and 2, on both brokers.
 
-    {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced; with --fleet also {identity}. With
-    --second-fog-broker, {second_fog_broker} in --run, it is checked by the rules of section 19 alone, with --air-sn,
-    {air_sn} in --run, by those of section 20. With --fleet and --signed it is checked by the rules of section 12,
-    without them by all others.
+    {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced, and the name of a file {audit}; with
+    --fleet also {identity}. With --second-fog-broker, {second_fog_broker} in --run, it is checked by the rules of
+    section 19 alone, with --air-sn, {air_sn} in --run, by those of section 20. With --fleet and --signed it is checked
+    by the rules of section 12, without them by all others.
     """
     from mqttxt_conformance.activator import ActivatorTarget, check_activator
     from mqttxt_conformance.activator_air import check_activator_air
