@@ -55,6 +55,21 @@ async def test_a_program_that_hangs_is_noticed(monkeypatch: pytest.MonkeyPatch) 
         assert await asyncio.to_thread(browser.text, "#notice") == ""
 
 
+async def test_the_clock_of_another_machine_may_have_stood_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As that of a station on a machine that was suspended, behind a tunnel: its updates do not look late for good."""
+    station = FakeStation()
+    async with shown(station) as browser:
+        await asyncio.to_thread(browser.until_text, "#connection", "connected to")
+        now_ms = live.now_ms
+        monkeypatch.setattr(live, "now_ms", lambda: now_ms() - LATE_MS)
+        await asyncio.to_thread(browser.until_text, "#connection", "What is shown is old")
+        await asyncio.to_thread(browser.until_text, "#connection", "connected to", 40.0)
+        assert await asyncio.to_thread(browser.value, f'document.querySelector("{BATTERY} span.stale") === null')
+        await asyncio.to_thread(browser.click, "tr[data-drone='1/1'] input")
+        await asyncio.to_thread(browser.click, "#send-arm")
+        await eventually(lambda: station.sent, "the command")
+
+
 async def test_a_position_that_is_too_old_looks_it_on_the_map_too() -> None:
     """A drone that is reachable, and knows its place no longer."""
     station = FakeStation()
@@ -77,6 +92,29 @@ async def test_a_key_that_is_held_sends_one_command() -> None:
         await asyncio.to_thread(browser.press, "h")
         await eventually(lambda: station.sent[-1][1].command.name == "hold", "the next one")
         assert [sent.command.name for _, sent in station.sent] == ["arm", "hold"]
+
+
+async def test_a_key_that_is_held_on_the_map_clicks_once() -> None:
+    async with shown(FakeStation()) as browser:
+        await asyncio.to_thread(browser.click, "#draft-draw")
+        await asyncio.to_thread(browser.value, "document.querySelector('#map').focus()")
+        await asyncio.to_thread(browser.hold, "Enter", 10)
+        assert await asyncio.to_thread(browser.value, "document.querySelectorAll('#draft-rows tr').length") == 1
+
+
+async def test_a_program_without_an_identity_that_comes_back_leaves_what_was_typed() -> None:
+    """Its station has another name at each start."""
+    first, second, port = FakeStation(), FakeStation(), free_port()
+    first.name, second.name = "gs-0a1b2c3d", "gs-4e5f6071"
+    with LivePage() as browser:
+        async with served(first, port) as url:
+            await asyncio.to_thread(browser.open, url)
+            await asyncio.to_thread(browser.value, "document.querySelector('#takeoff-altitude_m').value = '17'")
+        await asyncio.to_thread(browser.until_text, "#connection", "does not answer")
+        async with served(second, port):
+            await asyncio.to_thread(browser.until_text, "#station", second.name)
+            await asyncio.to_thread(browser.until_text, "#connection", "connected to")
+            assert await asyncio.to_thread(browser.value, "document.querySelector('#takeoff-altitude_m').value") == "17"
 
 
 @pytest.mark.parametrize("is_of_another_fog", [True, False])

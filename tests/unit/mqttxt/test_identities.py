@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.commands import Mavlink
+from mqttxt.security import files
 from mqttxt.security.authority import MEMBERS_FILE, Authority, hosts_of
 from mqttxt.security.certificate import Certificate
 from mqttxt.security.fleet import Fleet
@@ -265,6 +266,24 @@ def test_two_processes_of_an_identity_keep_the_newer_list(acme: Authority) -> No
     for process in (ahead, behind):
         process.fleet.keep()
     assert Identity.load(folder).fleet.revoked.number == 2
+
+
+def test_a_list_that_is_taken_while_an_older_one_is_kept_is_not_written_over(
+    acme: Authority, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = acme.issue("drone3")
+    fleet = Identity.load(folder).fleet
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    read = files.read
+
+    def read_later(path: Path) -> bytes:
+        fleet.take(acme.fleet.revoked)
+        return read(path)
+
+    monkeypatch.setattr(files, "read", read_later)
+    fleet.keep()
+    assert (folder / "revoked.pem").read_bytes() == acme.fleet.revoked.pem()
 
 
 def test_a_spoilt_list_in_the_folder_is_written_anew(acme: Authority) -> None:

@@ -98,17 +98,18 @@ class Fleet:
         if self._folder is None:
             return
         with self._keeping:
-            pem = self.revoked.pem()
+            own = self.revoked  # `take` may replace it meanwhile
+            pem = own.pem()
             for path in (self._folder / NEWEST_FILE, self._folder / REVOKED_FILE):
-                if not path.exists() or self._is_to_replace(files.read(path), pem):
+                if not path.exists() or self._is_to_replace(files.read(path), own, pem):
                     files.write(path, pem)
 
-    def _is_to_replace(self, found: bytes, pem: bytes) -> bool:
-        """Whether a file's content is another list than `pem`, this node's, and no newer one of the fleet."""
+    def _is_to_replace(self, found: bytes, own: RevocationList, pem: bytes) -> bool:
+        """Whether a file's content is another list than `own`, whose PEM is `pem`, and no newer one of the fleet."""
         if found == pem:
             return False
         try:
-            return self.read(found).number <= self.revoked.number
+            return self.read(found).number <= own.number
         except ConfigurationError:
             return True
 

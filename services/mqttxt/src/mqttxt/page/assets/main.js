@@ -14,6 +14,8 @@ import { Sensors } from "./sensors.js";
 
 const AGAIN_MS = 1000;
 const SILENT_MS = 5000; // the program sends an update each second
+const MOST_SILENT = 10;
+const MADE_UP = /^gs-[0-9a-f]{8}$/; // the name of a station without identity: another one at each start
 const CONNECTED = "connected to the page's program";
 const GONE = "The page's program does not answer. What is shown is old. Trying again …";
 
@@ -49,6 +51,7 @@ class Page {
   connect() {
     this.socket = new WebSocket(`ws://${location.host}/live`);
     this.ahead = -Infinity;
+    this.silent = 0;
     this.socket.addEventListener("message", (event) => this.hear(JSON.parse(event.data)));
     this.socket.addEventListener("open", () => {
       this.heard = performance.now();
@@ -60,11 +63,14 @@ class Page {
     });
   }
 
-  // A program or a tunnel that hangs closes no connection.
+  // A program or a tunnel that hangs closes no connection. A new one compares the clocks anew: if the program's stood
+  // still with its machine, or is slower than the page's, all that comes on the old one looks late for good.
   checkHeard() {
     if (this.socket.readyState !== WebSocket.OPEN) return;
     const isCurrent = performance.now() - this.heard < SILENT_MS;
     this.showConnection(isCurrent ? CONNECTED : GONE, isCurrent);
+    this.silent = isCurrent ? 0 : this.silent + 1;
+    if (this.silent > MOST_SILENT) this.socket.close();
   }
 
   showConnection(text, isConnected) {
@@ -96,7 +102,8 @@ class Page {
   }
 
   begin(hello) {
-    const whose = JSON.stringify([hello.names, hello.prefixes, hello.fogs]);
+    const names = Object.values(hello.names).filter((name) => !MADE_UP.test(name));
+    const whose = JSON.stringify([names, hello.prefixes, hello.fogs]);
     if (this.whose !== undefined && this.whose !== whose) location.reload(); // drone 1 may be a different drone now
     this.whose = whose;
     this.names = hello.names;

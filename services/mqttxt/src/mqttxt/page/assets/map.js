@@ -134,7 +134,7 @@ export class FleetMap {
   // Without a mouse: the arrow keys move the view, Enter clicks in its middle.
   onKey(event) {
     if (event.key === "Enter") {
-      this.click({ x: this.width / 2, y: this.height / 2 });
+      if (!event.repeat) this.click({ x: this.width / 2, y: this.height / 2 });
     } else if (ARROWS[event.key] !== undefined) {
       const [east, north] = ARROWS[event.key].map((way) => (way * (event.shiftKey ? 10 : 1) * KEY_PX) / this.perM);
       this.isFitted = false;
