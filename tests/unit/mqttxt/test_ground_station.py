@@ -364,6 +364,8 @@ def test_a_station_that_wants_some_drones_asks_for_these_alone() -> None:
     assert (registration.control, registration.drones) == (Control.WANT, (2, 3))
     with pytest.raises(ConfigurationError, match="drone 251"):
         StationBench(control=[251])
+    with pytest.raises(ConfigurationError, match="control 1: expected True, False or drones' numbers, as"):
+        StationBench(control=1)
 
 
 def test_a_takeover_of_all_drones_is_of_all_also_where_some_are_claimed() -> None:

@@ -193,6 +193,35 @@ def test_an_acknowledgement_that_names_no_component_is_the_gotos_first(target: t
     assert said(bench.hear(nobodys)) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
 
 
+NAMELESS: Any = from_autopilot(mavlink.MAVLink_command_ack_message(ARM, REJECTED, 0, 0, 0, 0))
+
+
+def test_a_refusal_that_names_no_component_is_no_definite_no_while_it_may_be_of_another_command() -> None:
+    """MAVLink 1 has no target in COMMAND_ACK; the acknowledgement of the arm was lost."""
+    bench = Bench(heartbeat(), home(), position(), landed(ON_GROUND))
+    bench.start(1, Arm())
+    bench.start(2, Disarm())
+    heard = bench.hear(NAMELESS) + bench.until(10_000)
+    assert [(seq, word) for seq, word, _ in said(heard)] == [(1, Word.UNCONFIRMED), (2, Word.UNCONFIRMED)]
+
+
+def test_refusals_that_name_no_component_are_denials_once_every_copy_of_all_was_refused() -> None:
+    bench = Bench(heartbeat(), home(), position(), landed(ON_GROUND))
+    bench.start(1, Arm())
+    bench.start(2, Disarm())
+    assert said(bench.hear(NAMELESS)) == []
+    assert said(bench.hear(NAMELESS)) == [(seq, Word.DENIED, "temporarily_rejected") for seq in (1, 2)]
+
+
+def test_a_refusal_that_names_no_component_may_be_of_the_clients_own_change_of_mode() -> None:
+    bench = Bench(heartbeat(main=4, sub=4), home(), position(), landed(ON_GROUND))
+    assert written(bench.start(1, Arm())) == [MODE]  # hold, before it arms
+    assert sources(bench.start(2, Return())) == [(MODE, Source.HALT)]
+    refused = from_autopilot(mavlink.MAVLink_command_ack_message(MODE, REJECTED, 0, 0, 0, 0))
+    words = {seq: word for seq, word, _ in said(bench.hear(refused) + bench.until(2000))}
+    assert words[2] is Word.UNCONFIRMED
+
+
 class Link:
     """Acknowledges what arrives, in the writes' order; an acknowledgement may be lost or late."""
 

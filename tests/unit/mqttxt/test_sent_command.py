@@ -372,6 +372,17 @@ async def test_what_waited_while_the_process_stood_still_for_minutes_is_not_take
     assert field.fog().drone(1).states == {}
 
 
+@pytest.mark.parametrize(("still_ms", "times"), [(200_000, 1), (20_000, 0)])
+async def test_after_minutes_of_standing_still_it_connects_anew_also_where_nothing_waited(
+    still_ms: int, times: int
+) -> None:
+    """What the network has kept meanwhile comes after the first tick."""
+    field = Field(1)
+    field.runner.ticked_ms -= still_ms
+    field.runner.stood_still()
+    assert len(field.given_up) == times
+
+
 async def test_a_drone_is_not_reachable_while_nothing_is_heard_of_its_fog() -> None:
     """A program may ask before its station, which stood still, has noticed."""
     field = Field(1)

@@ -274,3 +274,11 @@ def test_only_the_autopilots_own_messages_are_published() -> None:
     client.command("mavlink/ATTITUDE", 10.0)
     assert client.run(attitude(component=100), 100, 1, "mavlink/ATTITUDE") == []
     assert client.run(attitude(system=2), 100, 1, "mavlink/ATTITUDE") == []
+
+
+def test_what_wrote_no_mode_leaves_nothing_behind_that_would_grow() -> None:
+    bench = Bench()
+    for seq in range(20):
+        bench.start(seq, Stream("location", 0.0))
+        bench.hear(ack(INTERVAL))
+    assert bench.executor._runs._ended == []

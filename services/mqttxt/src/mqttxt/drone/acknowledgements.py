@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -59,14 +60,14 @@ class Acknowledgements:
         late = next((key for key in keys if self.runs.acks.is_late(key, now_ms)), None)
         run = self.runs.awaiting(*keys) if late is None else None
         if run is None:
-            return self._on_unawaited(late or keys[0], message.result, now_ms) if keys else []
+            return self._on_unawaited(late or keys[0], keys, message.result, now_ms) if keys else []
         if message.get_srcComponent() != run.plan.message.target_component:
             return []
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
             return self._on_progress(run, percent_of(message), now_ms)
         run.acks += 1
         if message.result != mavlink.MAV_RESULT_ACCEPTED:
-            return self._on_refusal(run, message.result, now_ms)
+            return self._on_refusal(run, keys, message.result, now_ms)
         if run.sends > run.acks:
             self.rest(run, now_ms)
         if self.vehicle.answers_twice(run.plan.mav_cmd):
@@ -114,18 +115,20 @@ class Acknowledgements:
             return Word.FAILED, reason or word.label
         return word, reason
 
-    def _on_refusal(self, run: Run, result: int, now_ms: int) -> list[Output]:
+    def _on_refusal(self, run: Run, keys: Sequence[AckKey], result: int, now_ms: int) -> list[Output]:
         """The last word once every copy was refused: an unanswered copy, or one in progress, may be carried out.
 
-        Runs that share a key wait for the answers to all their copies.
+        Runs that the acknowledgement may answer, by its `keys`, wait for the answers to all their copies, and for those
+        to the client's own writes.
         """
         word, reason = self._refusal(run, result)
         run.refusals += 1
         if run.refused is None or run.refused[0].is_definite_no:
             run.refused = (word, reason)
         run.last_send_ms = now_ms
-        sharing = self.runs.sharing(run.ack_key)
-        if any(one.sends > one.acks for one in sharing):
+        sharing = self.runs.sharing(keys)
+        rests = any(not self.runs.acks.is_free(key, now_ms) for key in keys if key != run.ack_key)
+        if rests or any(one.sends > one.acks for one in sharing):
             return []
         return [said for one in sharing if one.refused is not None for said in self._end_refused(one, now_ms)]
 
@@ -148,7 +151,7 @@ class Acknowledgements:
                 out.append(replace(held.said, reason=f"{UNEXPLAINED}: {text}") if text else held.said)
         return out
 
-    def _on_unawaited(self, key: AckKey, result: int, now_ms: int) -> list[Output]:
+    def _on_unawaited(self, key: AckKey, keys: Sequence[AckKey], result: int, now_ms: int) -> list[Output]:
         """An acknowledgement that no command waits for: another copy's, a second one, or of the client's own write."""
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             return []
@@ -166,15 +169,15 @@ class Acknowledgements:
         if run.phase is Phase.PREPARING and run.preparation is not None:
             run.preparation.on_answer(is_accepted, is_second)
         elif run.phase is Phase.RUNNING and run.ack_key == key and not is_accepted:
-            return [*late, *self._on_refusal_after_acceptance(run, result)]
+            return [*late, *self._on_refusal_after_acceptance(run, keys, result)]
         return [*late]
 
-    def _on_refusal_after_acceptance(self, run: Run, result: int) -> list[Output]:
+    def _on_refusal_after_acceptance(self, run: Run, keys: Sequence[AckKey], result: int) -> list[Output]:
         """End an accepted run as refused, unless a heartbeat has shown its mode, or another copy may be carried out.
 
-        The run also goes on while another one waits under the same key: the refusal may be of that one.
+        The run also goes on while another one waits that the refusal may be of, by its `keys`.
         """
-        if self.runs.sharing(run.ack_key):
+        if self.runs.sharing(keys):
             return []
         run.refusals += 1
         if run.entered_mode or run.refusals < run.sends:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -195,7 +195,8 @@ class Runs:
     ) -> Said:
         """End a run with its last word; a definite no becomes `failed` if the autopilot may have changed."""
         self._runs.remove(run)
-        self._ended.append((self.now_ms, run.own_modes))
+        if run.own_modes:
+            self._ended.append((self.now_ms, run.own_modes))
         if word.is_definite_no and run.earlier_sends:
             word, reason = Word.UNCONFIRMED, "no_ack"
         if word.is_definite_no and run.may_have_changed:
@@ -213,9 +214,12 @@ class Runs:
         waiting = (run for run in self._runs if run.phase is Phase.SENT and run.ack_key in keys)
         return next((run for run in waiting if run.sends > run.acks), None)
 
-    def sharing(self, key: AckKey) -> list[Run]:
-        """The runs that are sent under a key and not accepted: several only if commands that stop shared it."""
-        return [run for run in self._runs if run.phase is Phase.SENT and run.ack_key == key]
+    def sharing(self, keys: Sequence[AckKey]) -> list[Run]:
+        """The runs that are sent under `keys` and not accepted.
+
+        Several under one key only if commands that stop shared a component.
+        """
+        return [run for run in self._runs if run.phase is Phase.SENT and run.ack_key in keys]
 
     def is_free(self, key: AckKey, now_ms: int) -> bool:
         """Whether a key does not rest, and no run uses it: one that waits, or one that stops and repeats hold."""

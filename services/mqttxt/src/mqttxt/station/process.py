@@ -37,6 +37,7 @@ logger = logging.getLogger("mqttxt")
 
 LONGEST_STILL_MS = 163_840
 """How long a station may have stood still: a quarter of the stamps' span, up to which they give order and age."""
+_OLD = "this process stood still, and what it has received is old"
 
 Answer = TypeVar("Answer")
 AnEvent = TypeVar("AnEvent", bound=Event)
@@ -143,10 +144,18 @@ class StationRunner(Runner):
 
     def received(self, link: str, message: Inbound) -> None:
         """Take a message, unless this process stood still for so long that the socket may hold very old ones."""
-        if self.clock.now_ms() - self.ticked_ms > LONGEST_STILL_MS:  # this is called before the tick that is overdue
-            self.links[link].give_up("this process stood still, and what it has received is old")
+        if self._stood_too_long():  # this is called before the tick that is overdue
+            self.links[link].give_up(_OLD)
         else:
             super().received(link, message)
+
+    def stood_still(self) -> None:
+        """Connect anew after a long time: what was sent in it may also arrive later."""
+        if self._stood_too_long() and self.station.connected:
+            self.links[LINK].give_up(_OLD)
+
+    def _stood_too_long(self) -> bool:
+        return self.clock.now_ms() - self.ticked_ms > LONGEST_STILL_MS
 
     def send(
         self,

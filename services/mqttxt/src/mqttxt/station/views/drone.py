@@ -113,7 +113,8 @@ class Drone(DroneCommands):
     def claim(self) -> None:
         """Claim control of this drone whenever it is free, from now on; `is_controlled` shows when it was granted.
 
-        For a station with `control=False`, which wants control of no drone that it has not claimed.
+        For a station with `control=False` or drones' numbers, which wants control of no other drone that it has not
+        claimed.
 
         Raises:
             ConfigurationError: the station wants all drones anyway.
@@ -128,7 +129,7 @@ class Drone(DroneCommands):
     async def take_over(self, timeout_s: float = TAKEOVER_S) -> None:
         """Take control of this drone from any holder; `timeout_s` and errors as `Fog.take_over`.
 
-        A station with `control=False` keeps it only where it has claimed the drone.
+        A station with `control=False` or drones' numbers keeps it only where it wants or has claimed the drone.
         """
         await self._runner.take_over(self._fog.number, (self.number,), timeout_s)
 
