@@ -63,6 +63,22 @@ def test_before_its_first_birth_an_activator_hands_down_no_lease() -> None:
     assert decode(DroneLease, lease.payload).drone_session == UAV_SESSION
 
 
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_drones_second_session_that_comes_before_the_first_birth_is_judged_after_it(answers: bool) -> None:
+    """The one before may have died without a will: the newcomer must not wait for the broker to notice that."""
+    bench = ActivatorBench(born=False)
+    bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=True))
+    bench.echo()
+    bench.fog("drone1/reachable", Presence(session=77, up=True))
+    assert of(bench.until(bench.now_ms + 2000), "drone1/init_connect") == []
+    bench.be_shown()
+    (asked,) = of(bench.until(bench.now_ms + 100), "drone1/init_connect")
+    out = bench.echo(decode(DroneLease, asked.payload).nonce) if answers else []
+    leases = of([*out, *bench.until(bench.now_ms + 1500)], "drone1/init_connect")
+    said = [(lease.drone_session, lease.bound) for lease in (decode(DroneLease, one.payload) for one in leases)]
+    assert said == [(77, not answers)]
+
+
 def test_before_its_birth_an_activator_answers_nobody() -> None:
     bench = ActivatorBench(born=False)
     assert [type(e) for e in bench.command()] == [Log]

@@ -117,6 +117,17 @@ def test_a_takeover_after_a_restart_takes_what_is_kept_for_another_station() -> 
     assert leases.register(registration(A), 30) == set()
 
 
+def test_a_takeover_after_a_restart_takes_a_drone_that_has_not_been_seen_yet() -> None:
+    """It is not one of the configured ones, and only its record names it so far."""
+    leases = Leases((1,))
+    leases.restore(7, A, 4, 0)
+    leases.register(registration(B), 10)
+    assert leases.register(registration(B, control=Control.TAKE, epoch=4), 20) == {7}
+    leases.register(registration(A), 30)
+    leases.add(7, 40)
+    assert (holders(leases, (7,)), leases.epoch(7)) == (["b"], 5)
+
+
 def test_a_drone_that_nobody_comes_back_for_is_given_away() -> None:
     leases = Leases((1,))
     leases.restore(1, A, 4, 0)

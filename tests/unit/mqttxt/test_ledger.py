@@ -44,6 +44,23 @@ def test_an_outcome_that_was_closed_twice_is_kept_for_ten_minutes_after_the_seco
     assert ledger.get(ONE) is entry, "it is open"
 
 
+def test_only_what_is_not_newer_than_a_forgotten_id_may_have_been_forgotten() -> None:
+    ledger: Ledger[None] = Ledger()
+    ledger.close(ledger.enter(TWO, Arm(), None, 0), 0)
+    assert not ledger.may_have_forgotten(ONE)
+    ledger.examine(ONE, Arm(), 5000, KEEP_MS + 1)
+    asked = (ONE, TWO, CommandId(1, 3), CommandId(2, 1))
+    assert [ledger.may_have_forgotten(each) for each in asked] == [True, True, False, False]
+
+
+def test_a_ledger_notes_the_forgotten_of_so_many_sessions_as_it_has_places() -> None:
+    ledger: Ledger[None] = Ledger(capacity=4, keep_ms=0)
+    for session in (1, 2, 3, 1, 4, 5):
+        ledger.close(ledger.enter(CommandId(session, 1), Arm(), None, 0), 0)
+        ledger.examine(CommandId(9, 9), Arm(), 1, 1)
+    assert [ledger.may_have_forgotten(CommandId(session, 1)) for session in range(1, 6)] == [True, False, *[True] * 3]
+
+
 def test_an_open_entry_is_never_forgotten() -> None:
     ledger: Ledger[None] = Ledger()
     ledger.enter(ONE, Arm(), None, 5000)

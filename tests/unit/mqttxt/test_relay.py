@@ -130,7 +130,18 @@ def test_a_command_that_may_have_been_forgotten_is_not_denied() -> None:
     bench.result(Word.COMPLETED)
     bench.now_ms += KEEP_MS + 5001
     bench.command(seq=2)
+    bench.role.relay.is_audited = lambda: False
     assert words(bench.command(deadline_ms=due_ms)) == [(Word.UNCONFIRMED, None)]
+
+
+def test_a_command_that_never_came_is_expired_however_late_it_is_asked_for() -> None:
+    """No id of its session that is as high was forgotten, so none of this number was ever known."""
+    bench = ready()
+    due_ms = BORN_MS + 5000
+    bench.command(deadline_ms=due_ms)
+    bench.result(Word.COMPLETED)
+    bench.now_ms += KEEP_MS + 5001
+    assert words(bench.command(seq=2, deadline_ms=due_ms)) == [(Word.EXPIRED, None)]
 
 
 def test_a_word_is_relayed_once_and_never_after_the_last_one() -> None:

@@ -23,6 +23,7 @@ from mqttxt.protocol.messages import CommandId, FogResultMessage, Word
 from mqttxt.protocol.plans import hash_of
 from mqttxt.protocol.rankings import SelectMessage, SelectMode
 from mqttxt.protocol.readings import ReadingAck
+from mqttxt.security.addressed import Addressed
 from mqttxt.security.authority import Authority
 from mqttxt.security.cose import Envelope
 from mqttxt.security.identity import Identity
@@ -194,6 +195,21 @@ def test_who_has_expired_keeps_its_drones_and_gets_no_free_one(ended: Ended) -> 
     world.pass_time(40_000)
     assert [world.activator.leases.controls(GS_SESSION, drone) for drone in (1, 2)] == [True, False]
     assert world.uav.is_controlled(world.now_ms)
+
+
+def test_who_has_expired_is_told_what_became_of_a_command_that_an_earlier_activator_may_have_sent(ended: Ended) -> None:
+    world, command = ended.world, signed_command(ended.seal, deadline_ms=1)
+    asked = Addressed(0x99, 1, {1: command}).encode()
+    out = list(world.activator.on_message("cloud", Inbound("fog1/drone1/commands", asked, 1), world.now_ms))
+    (query,) = [effect for effect in out if isinstance(effect, Publish)]
+    assert (query.topic, Envelope.parse(query.payload).payload) == ("drone1/commands", command.payload)
+
+
+def test_who_has_expired_is_not_denied_what_a_client_without_a_journal_may_have_done(ended: Ended) -> None:
+    world = ended.world
+    world.uav.desk._remembers = False
+    query = signed_command(ended.seal, deadline_ms=1).routed(0)
+    assert said(to_drone(world, query)) == [(Word.UNCONFIRMED, "no_journal")]
 
 
 @pytest.mark.parametrize("topic", ["drone1/sensor_ack", "fog1/drone1/sensor_ack"])

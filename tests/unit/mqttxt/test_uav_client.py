@@ -239,6 +239,18 @@ def test_an_id_of_an_earlier_session_is_never_expired_however_late_the_fog_is_fo
     assert words(hear(uav, command_payload(Land(), seq=7, deadline_ms=0), 702_000)) == [(Word.UNCONFIRMED, "restarted")]
 
 
+def test_a_query_for_what_the_ledger_has_forgotten_is_not_denied() -> None:
+    """A mission may fly for hours, and its station ask for it after long, through a new activator."""
+    uav = client()
+    hear(uav, command_payload(Arm(), seq=7))
+    for message in (ack(ARM), heartbeat(armed=True)):
+        effects = uav.on_mavlink(message, 1010)
+    assert words(effects) == [(Word.COMPLETED, None)]
+    later = hear(uav, command_payload(Land(), seq=8, deadline_ms=0), 700_000)
+    again = hear(uav, command_payload(Arm(), seq=7, deadline_ms=0), 700_010)
+    assert (words(later), words(again)) == ([(Word.EXPIRED, None)], [(Word.UNCONFIRMED, None)])
+
+
 def test_a_command_that_waited_for_the_disk_is_judged_again() -> None:
     uav = client()
     for seq in (5, 4):

@@ -246,11 +246,10 @@ class Relay:
             return "deadline_too_far"
         if job.target is None and not isinstance(job.message.command, BROADCASTABLE):
             return "not_broadcastable"
-        if not (
-            job.query or isinstance(job.message.command, OVERRIDING) or self.is_audited is None or self.is_audited()
-        ):
-            return NOT_AUDITED
-        return None
+        is_question = job.deadline_ms <= now_ms
+        if is_question or isinstance(job.message.command, OVERRIDING) or self.is_audited is None or self.is_audited():
+            return None
+        return NOT_AUDITED
 
     def _broadcast(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
         """Send a command to its whole roster, before anything is published to the station about it."""
@@ -283,16 +282,16 @@ class Relay:
         """Send a command to a drone for the first time, or close it; once it is sent, only the drone may close it."""
         job, link = entry.record, self._drones.links.get(drone)
         leg = job.legs.setdefault(drone, Leg(drone))
-        refusal = job.signed.refusal(job.message.command, drone) if job.signed is not None else None
+        remaining_ms = job.deadline_ms - now_ms
+        if remaining_ms <= 0 and not job.query:
+            word = Word.UNCONFIRMED if self.ledger.may_have_forgotten(entry.id) else Word.EXPIRED
+            return self.words.close(entry, leg, word, None, now_ms)
+        refusal = job.signed.refusal(job.message.command, drone, job.query) if job.signed is not None else None
         if refusal is not None:
             return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
         if job.query:
             leg.retry = Retry.of(0, now_ms, 0)
             return self._send_again(entry, leg, link, now_ms) if link is not None and link.announced else []
-        remaining_ms = job.deadline_ms - now_ms
-        if remaining_ms <= 0:
-            word = Word.UNCONFIRMED if job.may_be_forgotten(now_ms) else Word.EXPIRED
-            return self.words.close(entry, leg, word, None, now_ms)
         if link is None or not link.announced or not self.fog_connected:
             return self.words.close(entry, leg, Word.UNREACHABLE, None, now_ms)
         refusal = self._leases.refusal(drone, job.message.gs_session, job.message.epoch, now_ms)

@@ -210,6 +210,8 @@ class Drones:
             del self._shown_wrong[number]
         out: list[Effect] = [self.record_of(number) for number in due]
         for link in self.links.values():
+            if not self.leads:  # it may not ask the bound session yet
+                link.contest_until_ms = now_ms + CONTEST_MS
             if link.challenger is not None and now_ms >= link.contest_until_ms:
                 challenger, link.challenger = link.challenger, None
                 out += self._bind(link, challenger, link.challenger_paths, now_ms)
@@ -227,8 +229,6 @@ class Drones:
         return [*out, *self._lease(link, now_ms)]
 
     def _contest(self, link: DroneLink, challenger: int, path: str, now_ms: int) -> list[Effect]:
-        if not self.leads:  # it may not ask the bound session yet
-            return []
         if link.challenger == challenger:
             link.challenger_paths.add(path)
             return []

@@ -140,7 +140,8 @@ class Leases:
         for drone in changed:
             del self._holders[drone]
         if taking:
-            changed |= self._take(key, self._drones if scope is None else self._drones & scope, message.epoch or 0)
+            known_drones = self._drones | self._restored.keys()
+            changed |= self._take(key, known_drones if scope is None else known_drones & scope, message.epoch or 0)
         return changed | self._assign(now_ms)
 
     def end(self, key: Key, now_ms: int) -> set[int]:

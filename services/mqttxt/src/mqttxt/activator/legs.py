@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..core.effects import Publish
-from ..core.ledger import KEEP_MS
 from ..core.settings import Retry
 from ..protocol.messages import CommandMessage, ResultMessage
 from ..security.cose import Envelope
@@ -66,7 +65,3 @@ class Job:
     @property
     def is_over(self) -> bool:
         return not self.choosing and all(leg.is_closed for leg in self.legs.values())
-
-    def may_be_forgotten(self, now_ms: int) -> bool:
-        """Whether the ledger may have had a command that it does not know: it was due too long ago (R5.10)."""
-        return now_ms - self.deadline_ms > KEEP_MS

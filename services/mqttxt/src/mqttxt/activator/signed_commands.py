@@ -42,12 +42,15 @@ class SignedCommand:
             },
         )
 
-    def refusal(self, command: Command, drone: int) -> str | None:
-        """Why a drone is not sent the command: not signed for it, not allowed, or certificate ended; None if it is."""
+    def refusal(self, command: Command, drone: int, is_query: bool) -> str | None:
+        """Why a drone is not sent the command: not signed for it, not allowed, or certificate ended; None if it is.
+
+        A query's certificate does not count: the one by which the command was sent may have been another.
+        """
         missing = self.signer.rights.missing(command, drone)
-        if missing is not None:
+        if not is_query and missing is not None:
             return f"{NOT_ALLOWED}, {missing}"
-        if self.is_expired and not isinstance(command, OVERRIDING):
+        if not is_query and self.is_expired and not isinstance(command, OVERRIDING):
             return CERTIFICATE_EXPIRED
         return None if drone in self.envelopes else NOT_SIGNED
 

@@ -173,10 +173,11 @@ class CommandDesk:
         who = signed.signer if signed is not None else None
         audit = Audit("command", command, now_ms, who, self._drone, signed is not None)
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
-        if signed is not None and (missing := signed.certificate.rights.missing(command.command, self._drone)):
-            refusal = Said(command.id, Word.DENIED, f"{NOT_ALLOWED}, {missing}")
-        if signed is not None and signed.is_expired and not isinstance(command.command, OVERRIDING):
-            refusal = Said(command.id, Word.DENIED, CERTIFICATE_EXPIRED)
+        if signed is not None and (refusal is None or refusal.word is not Word.UNCONFIRMED):
+            if missing := signed.certificate.rights.missing(command.command, self._drone):
+                refusal = Said(command.id, Word.DENIED, f"{NOT_ALLOWED}, {missing}")
+            if signed.is_expired and not isinstance(command.command, OVERRIDING):
+                refusal = Said(command.id, Word.DENIED, CERTIFICATE_EXPIRED)
         if refusal is not None:
             return [audit, *self.carry_out([refusal], now_ms)]
         self._to_start[command.id] = command
@@ -216,7 +217,7 @@ class CommandDesk:
         if deadline_ms > now_ms + MAX_TTL_MS:
             return Said(command.id, Word.DENIED, "deadline_too_far")
         if now_ms > deadline_ms:
-            return Said(command.id, Word.EXPIRED)
+            return Said(command.id, Word.UNCONFIRMED if self.ledger.may_have_forgotten(command.id) else Word.EXPIRED)
         if command.epoch < self.epoch or not self._is_in_control(command.gs_session, now_ms):
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
         if self.order.is_overtaken(command):
