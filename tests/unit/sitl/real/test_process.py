@@ -20,6 +20,7 @@ from tests.rigs.processes import eventually, free_port
 
 BEATS = """
 import signal, socket, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job starts with it ignored
 from pymavlink.dialects.v20 import common as mavlink
 codec, sock = mavlink.MAVLink(None, 3, 1), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 to = ("127.0.0.1", int(sys.argv[1]))
