@@ -15,7 +15,7 @@ import pytest
 from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
 from testbed.plan.documents import ROOT
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400), pytest.mark.soak("services/mqttxt/src", "compose.yaml")]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(800), pytest.mark.soak("services/mqttxt/src", "compose.yaml")]
 
 CLOUD = "mqtt://198.18.1.3:1883"
 CHECKS = {
