@@ -14,6 +14,7 @@ from mqttxt import Battery, FlightMode, FlightModeName, Fog, Gps, Location, Sens
 from mqttxt.cli.main import app
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Publish, Will
+from mqttxt.core.floods import MOST_READINGS
 from mqttxt.homeassistant import Entities, HomeAssistant
 from mqttxt.protocol.state_fields import fields_of
 from mqttxt.protocol.states import STATES
@@ -155,7 +156,7 @@ def test_a_sensor_that_makes_up_kinds_makes_no_entities_without_end() -> None:
         kinds = [f"kind{number:03}" for number in range(first, first + 50)]
         drone.readings = [SensorReading(1, 2, 4, 1, 1, kind, 1.5, "", 1000) for kind in kinds]
         topics |= {topic for topic, _ in entities.messages() if "_sensor4_" in topic}
-    assert len(topics) == homeassistant.MOST_READINGS
+    assert len(topics) == MOST_READINGS
     drone.readings = [SensorReading(1, 2, 4, 1, 1, "kind000", 2.5, "", 2000)]
     assert json.loads(dict(entities.messages())["mqttxt/drone2/state"])["sensor4_kind000"] == 2.5
 

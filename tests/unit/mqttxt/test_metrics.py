@@ -33,8 +33,9 @@ from mqttxt import (
     Severity,
     State,
 )
+from mqttxt.core.floods import MOST_READINGS
 from mqttxt.errors import ConfigurationError
-from mqttxt.metrics import _WORDS, MOST_READINGS, FleetCollector, serve
+from mqttxt.metrics import _WORDS, FleetCollector, serve
 from mqttxt.protocol.state_fields import fields_of
 
 DASHBOARD = Path(__file__).resolve().parents[3] / "docs" / "grafana" / "fleet.json"

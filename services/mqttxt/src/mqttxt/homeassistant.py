@@ -11,6 +11,7 @@ from typing import Any
 
 from .core.address import BrokerAddress
 from .core.effects import Inbound, Publish, Subscribe, Will
+from .core.floods import FirstReadings
 from .core.mqtt.link import MqttLink
 from .protocol.fields import Named
 from .protocol.state_fields import fields_of
@@ -21,8 +22,6 @@ from .station.views import Drone, Fog
 logger = logging.getLogger("mqttxt")
 
 LINK = "Home Assistant"
-MOST_READINGS = 100
-"""Most entities of readings for one drone, the first ones: Home Assistant keeps each for good."""
 INTERVAL_S = 1.0
 """Shortest time between two publications of changes."""
 ONLINE, OFFLINE = "online", "offline"
@@ -53,7 +52,7 @@ class Entities:
     def __init__(self, fogs: Sequence[Fog], discovery: str = "homeassistant") -> None:
         self._fogs = fogs
         self._discovery = discovery
-        self._readings: dict[str, set[str]] = {}
+        self._readings = FirstReadings()
         self.status = f"mqttxt/fogs-{'-'.join(f'{_root_of(fog.fleet)}{fog.number}' for fog in fogs)}/status"
         """The topic that shows whether this program runs."""
 
@@ -80,13 +79,9 @@ class Entities:
             yield self._config(node, "device_tracker", "location", place, has_value=False)
         for reading in drone.readings:
             key = f"sensor{reading.sensor}_{reading.kind}"
-            shown = self._readings.setdefault(node, set())
-            if len(shown) < MOST_READINGS:
-                shown.add(key)
-            if key not in shown:
-                continue
-            values[key] = reading.value
-            yield self._config(node, "sensor", key, _of_reading(reading))
+            if self._readings.takes(node, key):
+                values[key] = reading.value
+                yield self._config(node, "sensor", key, _of_reading(reading))
         yield f"{self._root(node)}/state", json.dumps(values)
         yield f"{self._root(node)}/available", ONLINE if drone.is_reachable and fog.is_live else OFFLINE
 

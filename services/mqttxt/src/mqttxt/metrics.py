@@ -12,6 +12,7 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from .core.address import BrokerAddress, host_port
+from .core.floods import FirstReadings
 from .errors import ConfigurationError
 from .protocol.fields import Named
 from .protocol.state_fields import fields_of
@@ -19,8 +20,6 @@ from .protocol.states import STATES, AutopilotText
 from .station.views import Drone, Fog
 
 Answering = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
-MOST_READINGS = 100
-"""Most series of readings for one drone, the first ones: whoever stores them keeps each."""
 SNAPSHOT_S = 5.0
 """How long a scrape waits for the event loop, s."""
 _WORDS = {
@@ -56,7 +55,7 @@ class FleetCollector(Collector):
     def __init__(self, fogs: Sequence[Fog], loop: asyncio.AbstractEventLoop) -> None:
         self._fogs = fogs
         self._loop = loop
-        self._readings: dict[tuple[str, int], set[tuple[int, str, str]]] = {}
+        self._readings = FirstReadings()
 
     def describe(self) -> Iterable[Metric]:
         """Nothing: the metrics are known only at a scrape, because they depend on the states."""
@@ -83,16 +82,11 @@ class FleetCollector(Collector):
                 if drone.number in ranks:
                     families.add("mqttxt_drone_rank", ranks[drone.number], labels)
                 _add_states(families, drone, labels)
-            shown = self._readings.setdefault((fog.fleet, drone.number), set())
             for reading in drone.readings:
-                series = reading.sensor, reading.kind, reading.unit
-                if len(shown) < MOST_READINGS:
-                    shown.add(series)
-                if series not in shown:
-                    continue
-                of_sensor = {**labels, "sensor": str(reading.sensor), "kind": reading.kind}
-                families.add("mqttxt_sensor_reading", reading.value, {**of_sensor, "unit": reading.unit})
-                families.add("mqttxt_sensor_reading_time_seconds", reading.time_ms / 1000, of_sensor)
+                if self._readings.takes((fog.fleet, drone.number), (reading.sensor, reading.kind, reading.unit)):
+                    of_sensor = {**labels, "sensor": str(reading.sensor), "kind": reading.kind}
+                    families.add("mqttxt_sensor_reading", reading.value, {**of_sensor, "unit": reading.unit})
+                    families.add("mqttxt_sensor_reading_time_seconds", reading.time_ms / 1000, of_sensor)
 
 
 def _add_states(families: Families, drone: Drone, labels: dict[str, str]) -> None:

@@ -148,7 +148,7 @@ async def denies_an_id_conflict(kit: ActivatorKit) -> str:
     await asyncio.sleep(QUIET_S)
     copies = len(kit.forwarded(message))
     expect(copies == 1, "disarm went down under arm's id")
-    reason = str((words.last or {}).get("reason"))
+    reason = str(words.reason)
     expect(words.names == ["denied"] and reason.startswith("id_conflict"), f"arm, then disarm: came {words}")
     return f"arm, then disarm under the same id: came {words}"
 
@@ -170,7 +170,7 @@ async def refuses_what_is_malformed(kit: ActivatorKit) -> str:
         kit.cloud.publish(kit.topics.drone_commands(1), cbor2.dumps(row))
         words = await kit.outcome(message, limit_s=2)
         kit.expect_kept(message, name)
-        is_denied = words.names == ["denied"] and (words.last or {}).get("reason")
+        is_denied = words.names == ["denied"] and words.reason
         expect(is_denied, f"{name}: {row}: came {words}, expected denied with a reason")
         said.append(name)
     return f"denied with reasons: {', '.join(said)}"

@@ -34,7 +34,7 @@ async def lets_one_station_command(kit: ActivatorKit) -> str:
         words, evidence = await kit.refused(message, "denied", "not_in_control")
     finally:
         other.register(lease_s=0)
-    reason = str((words.last or {}).get("reason"))
+    reason = str(words.reason)
     expect(kit.station.name in reason, f"came {words}, expected the holder's name {kit.station.name}")
     return f"records name {kit.station.name}; another's arm: {evidence}"
 

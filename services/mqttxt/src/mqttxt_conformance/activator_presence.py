@@ -9,7 +9,7 @@ from mqttxt.protocol.messages import FogPresence, Presence
 
 from . import shapes
 from .activator_kit import PATIENCE_S, ActivatorKit
-from .deaf import Deaf
+from .deaf import leaves
 from .registry import expect, rule
 
 
@@ -66,22 +66,7 @@ async def watches_its_retained_topics(kit: ActivatorKit) -> str:
 async def leaves_a_connection_that_delivers_nothing(kit: ActivatorKit) -> str:
     """Where nothing comes from the cloud's broker, not even its birth, it ends the connection and connects anew."""
     kit.subject.need()
-    await kit.subject.kill()
-    relay = await Deaf(kit.cloud.address).start()
-    try:
-        mark = len(kit.cloud.heard)
-        await kit.subject.start(broker=str(relay.address))
-        await kit.meet(mark)
-        session, evidence = kit.session, await relay.left(kit.cloud)
-        await kit.meet(len(kit.cloud.heard))
-        expect(kit.session == session, f"session {kit.session} on the new connection, {session} before")
-    finally:
-        await kit.subject.kill()
-        await relay.close()
-        mark = len(kit.cloud.heard)
-        await kit.subject.start()
-        await kit.meet(mark)
-    return f"{evidence}, in the same session"
+    return await leaves(kit, kit.cloud.address, kit.cloud)
 
 
 @rule("activator", "R9.1")

@@ -49,6 +49,11 @@ class Written:
     def command(self) -> int | None:
         return getattr(self.message, "command", None) if "COMMAND_" in self.message.get_type() else None
 
+    @property
+    def mode(self) -> tuple[int, int]:
+        """The mode that a DO_SET_MODE commands, as PX4 has it."""
+        return int(self.message.param2), int(self.message.param3)
+
 
 class Autopilot:
     """One autopilot over UDP; it sends to the address on which the implementation listens."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from typing import Protocol
 
 from mqttxt.core.address import BrokerAddress
 
 from .registry import expect
 from .relay import DOWN, Relay
+from .subject import Subject
 from .tap import Line
 
 SILENT_S, ANSWER_S = 12.0, 5.0
@@ -54,6 +56,38 @@ class Deaf(Relay):
         expect(codes == [_WITH_WILL], f"left with reason codes {codes}, expected {[_WITH_WILL]}")
         expect(after_s > SILENT_S + ANSWER_S - _EARLY_S, f"left after {after_s:.1f} s")
         return f"left with 0x04 after {after_s:.1f} s over a connection that delivers nothing, and came back"
+
+
+class Met(Protocol):
+    """A kit that has met an implementation: `meet` waits for its birth since a mark, and sets its `session`."""
+
+    subject: Subject
+    session: int
+
+    async def meet(self, mark: int = 0) -> None: ...
+
+
+async def leaves(kit: Met, broker: BrokerAddress, line: Line) -> str:
+    """Expect that the implementation, started over a Deaf link, leaves it and comes back in the same session.
+
+    `line` is the kit's connection to `broker`. Afterwards the implementation is started anew without the link.
+    """
+    await kit.subject.kill()
+    relay = await Deaf(broker).start()
+    try:
+        mark = len(line.heard)
+        await kit.subject.start(broker=str(relay.address))
+        await kit.meet(mark)
+        session, evidence = kit.session, await relay.left(line)
+        await kit.meet(len(line.heard))
+        expect(kit.session == session, f"session {kit.session} on the new connection, {session} before")
+    finally:
+        await kit.subject.kill()
+        await relay.close()
+        mark = len(line.heard)
+        await kit.subject.start()
+        await kit.meet(mark)
+    return f"{evidence}, in the same session"
 
 
 async def _packet(source: asyncio.StreamReader) -> tuple[bytes, bytes]:

@@ -114,11 +114,7 @@ async def repeats_in_measure(kit: UavKit) -> str:
 async def counts_only_its_own_acknowledgement(kit: UavKit) -> str:
     """An acknowledgement for somebody else, or of another component, is not this command's."""
     await kit.calm()
-    kit.autopilot.manners[ARM] = Manner(result=None)
-    message = kit.command(Arm())
-    mark = len(kit.autopilot.written)
-    kit.publish(message)
-    await kit.written(mark, ARM)
+    message, _ = await kit.unanswered(Arm(), ARM)
     kit.autopilot.acknowledge(ARM, 2, to=(255, 190))
     kit.autopilot.acknowledge(ARM, 2, component=154)
     kit.autopilot.acknowledge(SET_MODE, 2)
@@ -156,17 +152,12 @@ async def passes_on_the_result(kit: UavKit) -> str:
 async def takes_no_refusal_of_one_copy(kit: UavKit) -> str:
     """A refusal of one copy is no definite no while another one is unanswered: `unconfirmed(refused_once)`."""
     await kit.fly()
-    kit.autopilot.manners[LAND] = Manner(result=None)
-    mark = len(kit.autopilot.written)
-    message = kit.command(Land())
-    kit.publish(message)
-    await kit.written(mark, LAND)
+    message, mark = await kit.unanswered(Land(), LAND)
     kit.autopilot.manners[LAND] = Manner(result=2)
     words = await kit.outcome(message)
     copies = len(kit.autopilot.flights(mark, LAND))
-    reason = (words.last or {}).get("reason")
     expect(copies == 2, f"land, the first copy unanswered, the second refused: written {copies} times; came {words}")
-    is_so = words.names == ["unconfirmed"] and reason == "refused_once"
+    is_so = words.names == ["unconfirmed"] and words.reason == "refused_once"
     expect(is_so, f"land, the first copy unanswered, the second refused: came {words}")
     return f"land, the first copy unanswered, the second refused: came {words}; not written again"
 
@@ -179,8 +170,7 @@ async def ends_at_the_limit(kit: UavKit) -> str:
     message = kit.command(Arm(), limit_s=1.0)
     kit.publish(message)
     words = await kit.outcome(message)
-    reason = (words.last or {}).get("reason")
-    expect(words.names == ["accepted", "failed"] and reason == "timeout", f"limit 1 s: came {words}")
+    expect(words.names == ["accepted", "failed"] and words.reason == "timeout", f"limit 1 s: came {words}")
     took = words.at_ms[-1] - words.at_ms[0]
     expect(took > 600, f"limit 1 s: failed after {took} ms")
     return f"limit 1 s: came {words}, {took} ms after accepted"
@@ -201,8 +191,10 @@ async def lets_a_pilot_win(kit: UavKit) -> str:
     kit.autopilot.mode = POSITION_MODE
     kit.autopilot.tell()
     words = await kit.outcome(message)
-    reason = (words.last or {}).get("reason")
-    expect(words.names == ["accepted", "failed"] and reason == "mode_changed", f"landing, then POSITION: came {words}")
+    expect(
+        words.names == ["accepted", "failed"] and words.reason == "mode_changed",
+        f"landing, then POSITION: came {words}",
+    )
     await asyncio.sleep(QUIET_S)
     others = [one.command for one in kit.autopilot.flights(mark) if one.command != LAND]
     expect(not others, f"after the pilot's change were written MAV_CMDs {others}")

@@ -23,12 +23,9 @@ _AT_ONCE_MS = 400
 async def lets_no_hold_wait(kit: UavKit) -> str:
     """A `hold` is written at once, in the name of a component of its own, behind a goto and behind another hold."""
     await kit.fly()
-    for number in (REPOSITION, SET_MODE):
-        kit.autopilot.manners[number] = Manner(result=None)
-    goto = kit.command(NEAR)
-    mark = len(kit.autopilot.written)
-    kit.publish(goto)
-    expect(await kit.written(mark, REPOSITION), "goto was not written")
+    kit.autopilot.manners[SET_MODE] = Manner(result=None)
+    goto, mark = await kit.unanswered(NEAR, REPOSITION)
+    expect(kit.autopilot.flights(mark, REPOSITION), "goto was not written")
     used: list[int] = []
     for seq in (2, 3):
         hold = kit.command(Hold(), gs_session=goto.gs_session, seq=seq)
@@ -55,11 +52,8 @@ def _holds(kit: UavKit, mark: int, used: tuple[int, ...]) -> list[Written]:
 async def lets_no_disarm_wait(kit: UavKit) -> str:
     """A `disarm` is written at once behind an `arm` without acknowledgement, in the name of another component."""
     await kit.calm()
-    kit.autopilot.manners[ARM] = Manner(result=None)
-    arm = kit.command(Arm())
-    mark = len(kit.autopilot.written)
-    kit.publish(arm)
-    armed_by = {one.message.get_srcComponent() for one in await kit.written(mark, ARM)}
+    arm, mark = await kit.unanswered(Arm(), ARM)
+    armed_by = {one.message.get_srcComponent() for one in kit.autopilot.flights(mark, ARM)}
     expect(armed_by, "arm was not written")
     disarm = kit.command(Disarm(), gs_session=arm.gs_session, seq=2)
     mark, asked_ms = len(kit.autopilot.written), kit.clock.now_ms()

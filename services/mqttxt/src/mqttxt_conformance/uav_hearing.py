@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from . import shapes
-from .deaf import SILENT_S, Deaf
+from .deaf import SILENT_S, leaves
 from .registry import NotTested, expect, rule
 from .uav_kit import UavKit
 
@@ -38,23 +38,4 @@ async def leaves_a_connection_that_delivers_nothing(kit: UavKit) -> str:
     kit.subject.need()
     if kit.broker is None or kit.broker.tls:
         raise NotTested("needs a broker without TLS: the kit withholds what the broker delivers")
-    await kit.subject.kill()
-    relay = await Deaf(kit.broker).start()
-    try:
-        return await _leaves(kit, relay)
-    finally:
-        await kit.subject.kill()
-        await relay.close()
-        mark = len(kit.tap.heard)
-        await kit.subject.start()
-        await kit.meet(mark)
-
-
-async def _leaves(kit: UavKit, relay: Deaf) -> str:
-    mark = len(kit.tap.heard)
-    await kit.subject.start(broker=str(relay.address))
-    await kit.meet(mark)
-    session, evidence = kit.session, await relay.left(kit.tap)
-    await kit.meet(len(kit.tap.heard))
-    expect(kit.session == session, f"session {kit.session} on the new connection, {session} before")
-    return f"{evidence}, in the same session"
+    return await leaves(kit, kit.broker, kit.tap)

@@ -20,7 +20,7 @@ from mqttxt.protocol.values import Encoding
 from mqttxt.security.seal import Seal
 
 from . import shapes
-from .autopilot import Autopilot, Written
+from .autopilot import Autopilot, Manner, Written
 from .registry import Broken, NotTested, expect
 from .relay import Two
 from .sealed import STATION, Folder
@@ -276,6 +276,17 @@ class UavKit:
         """Wait until a MAV_CMD has been written since `mark`; returns those messages."""
         found: list[Written] = await self.tap.until(lambda: self.autopilot.flights(mark, command), limit_s)
         return found
+
+    async def unanswered(self, command: Command, number: int) -> tuple[CommandMessage, int]:
+        """Send a command whose MAV_CMD `number` gets no COMMAND_ACK, and let it be written once.
+
+        Returns the message, and the mark before its first write.
+        """
+        self.autopilot.manners[number] = Manner(result=None)
+        message, mark = self.command(command), len(self.autopilot.written)
+        self.publish(message)
+        await self.written(mark, number)
+        return message, mark
 
     def read_late(self, at_ms: int, deadline_ms: int) -> bool:
         """Whether a message that arrived at `at_ms` was surely written past a deadline of the drone's clock."""

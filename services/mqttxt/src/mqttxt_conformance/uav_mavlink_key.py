@@ -7,7 +7,7 @@ import secrets
 
 from mqttxt.protocol.commands import Arm
 
-from .autopilot import ARM, Manner
+from .autopilot import ARM
 from .mavlink_signing import Signer, signature
 from .registry import expect, rule
 from .uav_halting import STALE_S
@@ -57,10 +57,7 @@ async def hears_only_what_the_key_signs(kit: UavKit) -> str:
         "5 s old": Signer(key, late_s=5),
         "of another link": Signer(key, link_id=2),
     }
-    kit.autopilot.manners[ARM] = Manner(result=None)
-    message, mark = kit.command(Arm()), len(kit.autopilot.written)
-    kit.publish(message)
-    await kit.written(mark, ARM)
+    message, _ = await kit.unanswered(Arm(), ARM)
     for signer in strange.values():
         _acknowledge(kit, signer)
     await asyncio.sleep(QUIET_S)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from mqttxt.protocol.commands import Offboard, Velocity
 from mqttxt.protocol.messages import CommandMessage
 
-from .autopilot import HOLD_MODE, OFFBOARD_MODE, POSITION_MODE, SET_MODE, Manner, Written
+from .autopilot import HOLD_MODE, OFFBOARD_MODE, POSITION_MODE, SET_MODE, Manner
 from .registry import expect, rule
 from .uav_kit import PATIENCE_S, QUIET_S, SLACK_MS, UavKit
 
@@ -46,7 +46,7 @@ async def offboard_streams_and_ends_in_hold(kit: UavKit) -> str:
     kit.publish(message)
     words = await kit.outcome(message, 8)
     modes = kit.autopilot.flights(mark, SET_MODE)
-    asked = [(int(one.message.param2), int(one.message.param3)) for one in modes]
+    asked = [one.mode for one in modes]
     points = kit.autopilot.of_type(mark, _SET_POINT)
     first = sum(one.at_ms <= modes[0].at_ms for one in points) if modes else 0
     expect(words.names[-1:] == ["completed"], f"duration 1 s: came {words}")
@@ -70,9 +70,8 @@ async def offboard_ends_with_the_lease(kit: UavKit) -> str:
     message = kit.command(Offboard(60.0, Velocity(1, 0, 0)), limit_s=90.0, gs_session=_HOLDER, seq=2)
     kit.publish(message)
     words = await kit.outcome(message, 10)
-    modes = [(int(one.message.param2), int(one.message.param3)) for one in kit.autopilot.flights(mark, SET_MODE)]
-    reason = (words.last or {}).get("reason")
-    expect(reason == "lease_lost", f"60 s of offboard with a lease of 2.5 s: came {words}")
+    modes = [one.mode for one in kit.autopilot.flights(mark, SET_MODE)]
+    expect(words.reason == "lease_lost", f"60 s of offboard with a lease of 2.5 s: came {words}")
     expect(modes[-1:] == [HOLD_MODE], f"modes commanded: {modes}, expected {HOLD_MODE} last")
     await asyncio.sleep(QUIET_S)
     mark = len(kit.autopilot.written)
@@ -97,10 +96,6 @@ async def _begin(kit: UavKit, duration_s: float, manner: Manner | None = None) -
     return message, mark
 
 
-def _modes(written: list[Written]) -> list[tuple[int, int]]:
-    return [(int(one.message.param2), int(one.message.param3)) for one in written]
-
-
 @rule("uav", "R5.14", "R5.15")
 async def offboard_gives_way_to_a_pilot(kit: UavKit) -> str:
     """When a pilot leaves offboard, the set-points stop at once, and hold is not commanded: `failed(mode_changed)`."""
@@ -111,9 +106,13 @@ async def offboard_gives_way_to_a_pilot(kit: UavKit) -> str:
     words = await kit.outcome(message)
     ended = len(kit.autopilot.written)
     await asyncio.sleep(2 * _HOLD_AGAIN_MS / 1000)
-    modes, points = _modes(kit.autopilot.flights(mark, SET_MODE)), kit.autopilot.of_type(ended, _SET_POINT)
-    reason = (words.last or {}).get("reason")
-    expect(words.names == ["accepted", "failed"] and reason == "mode_changed", f"OFFBOARD, POSITION: came {words}")
+    modes, points = (
+        [one.mode for one in kit.autopilot.flights(mark, SET_MODE)],
+        kit.autopilot.of_type(ended, _SET_POINT),
+    )
+    expect(
+        words.names == ["accepted", "failed"] and words.reason == "mode_changed", f"OFFBOARD, POSITION: came {words}"
+    )
     expect(modes == [OFFBOARD_MODE], f"OFFBOARD, then POSITION by a pilot: modes commanded: {modes}")
     expect(len(points) <= 1, f"{len(points)} set-points after the last word")
     return f"OFFBOARD, then POSITION by a pilot: came {words}; hold was not commanded, no set-point afterwards"
@@ -127,7 +126,7 @@ async def offboard_takes_nothing_from_a_pilot(kit: UavKit) -> str:
     await kit.show(POSITION_MODE)
     words = await kit.outcome(message)
     await asyncio.sleep(2 * _HOLD_AGAIN_MS / 1000)
-    modes = _modes(kit.autopilot.flights(mark, SET_MODE))
+    modes = [one.mode for one in kit.autopilot.flights(mark, SET_MODE)]
     expect(modes == [OFFBOARD_MODE], f"not acknowledged, then POSITION by a pilot: modes commanded: {modes}")
     expect(words.names == ["unconfirmed"], f"not acknowledged, then POSITION by a pilot: came {words}")
     return f"not acknowledged, then POSITION by a pilot: came {words}; neither offboard again nor hold was commanded"
@@ -141,9 +140,8 @@ async def offboard_commands_hold_until_it_shows(kit: UavKit) -> str:
     kit.autopilot.manners[SET_MODE] = Manner(effect=False)
     words = await kit.outcome(message, 2 * PATIENCE_S)
     ended = len(kit.autopilot.written)
-    holds = [one for one in kit.autopilot.flights(mark, SET_MODE) if _modes([one]) == [HOLD_MODE]]
-    reason = (words.last or {}).get("reason")
-    expect(words.names == ["accepted", "failed"] and reason == "no_hold", f"hold never showed: came {words}")
+    holds = [one for one in kit.autopilot.flights(mark, SET_MODE) if one.mode == HOLD_MODE]
+    expect(words.names == ["accepted", "failed"] and words.reason == "no_hold", f"hold never showed: came {words}")
     gaps = [later.at_ms - earlier.at_ms for earlier, later in pairwise(holds)]
     expect(4 <= len(holds) <= 8, f"hold never showed: commanded {len(holds)} times, {gaps} ms apart")
     braking = [one for one in kit.autopilot.of_type(mark, _SET_POINT) if one.at_ms > holds[0].at_ms + SLACK_MS]
@@ -165,7 +163,7 @@ async def a_clean_stop_ends_offboard(kit: UavKit) -> str:
     code = await kit.subject.ended()
     left = len(kit.autopilot.written)
     await asyncio.sleep(QUIET_S)
-    modes, points = _modes(kit.autopilot.flights(mark, SET_MODE)), kit.autopilot.of_type(left, _SET_POINT)
+    modes, points = [one.mode for one in kit.autopilot.flights(mark, SET_MODE)], kit.autopilot.of_type(left, _SET_POINT)
     await kit.calm()
     heard = len(kit.tap.heard)
     await kit.subject.start()

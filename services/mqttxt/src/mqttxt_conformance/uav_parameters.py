@@ -75,7 +75,7 @@ async def sets_no_parameter_late(kit: UavKit) -> str:
     late = [one for one in written if kit.read_late(one.at_ms, message.deadline_ms)]
     expect(written, f"ttl 0.7 s: PARAM_SET was not written; came {words}")
     expect(not late, f"ttl 0.7 s: PARAM_SET after {[one.at_ms - written[0].at_ms for one in written]} ms")
-    reason, wanted = str((words.last or {}).get("reason")), f"is {before[1]:g}"
+    reason, wanted = str(words.reason), f"is {before[1]:g}"
     expect(words.names[-1:] == ["failed"] and reason.startswith(wanted), f"the value stayed: came {words}")
     return f"ttl 0.7 s, the value stayed: written {len(written)} times, none late; came {words}"
 

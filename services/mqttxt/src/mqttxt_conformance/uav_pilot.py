@@ -42,11 +42,7 @@ def _since(kit: UavKit, mark: int, shown_ms: int) -> list[Written]:
 async def does_not_repeat_behind_a_pilot(kit: UavKit) -> str:
     """What is not acknowledged is not written again once a heartbeat shows that somebody changed the mode."""
     await kit.fly()
-    kit.autopilot.manners[LAND] = Manner(result=None)
-    mark = len(kit.autopilot.written)
-    message = kit.command(Land())
-    kit.publish(message)
-    await kit.written(mark, LAND)
+    message, mark = await kit.unanswered(Land(), LAND)
     await kit.show(POSITION_MODE)
     shown_ms = kit.clock.now_ms()
     words = await kit.outcome(message)
@@ -60,11 +56,7 @@ async def does_not_repeat_behind_a_pilot(kit: UavKit) -> str:
 async def does_not_arm_again_what_showed(kit: UavKit) -> str:
     """An `arm` that a heartbeat has shown is not written again, because a pilot may have undone it."""
     await kit.calm()
-    kit.autopilot.manners[ARM] = Manner(result=None)
-    mark = len(kit.autopilot.written)
-    message = kit.command(Arm())
-    kit.publish(message)
-    await kit.written(mark, ARM)
+    message, mark = await kit.unanswered(Arm(), ARM)
     await asyncio.sleep(0.25)
     kit.autopilot.armed = True
     await kit.show()
@@ -96,8 +88,7 @@ async def denies_what_waits_behind_a_pilot(kit: UavKit) -> str:
     words = await kit.outcome(second)
     await asyncio.sleep(QUIET_S)
     kit.expect_unwritten(mark, "goto waited, then POSITION: written")
-    reason = (words.last or {}).get("reason")
-    expect(words.names == ["denied"] and reason == "mode_changed", f"goto waited, then POSITION: came {words}")
+    expect(words.names == ["denied"] and words.reason == "mode_changed", f"goto waited, then POSITION: came {words}")
     return f"goto waited, then POSITION: came {words}; nothing was written"
 
 
@@ -111,8 +102,7 @@ async def gives_the_mode_its_time(kit: UavKit) -> str:
     kit.publish(message)
     await kit.word(message, "accepted")
     words = await kit.outcome(message)
-    reason = (words.last or {}).get("reason")
-    expect(words.names == ["accepted", "failed"] and reason == "mode_changed", f"LAND never showed: came {words}")
+    expect(words.names == ["accepted", "failed"] and words.reason == "mode_changed", f"LAND never showed: came {words}")
     took = words.at_ms[-1] - words.at_ms[0]
     expect(2500 < took < 4500, f"LAND never showed: failed {took} ms after accepted, expected 3000")
     return f"landing accepted, LAND never showed: came {words}, {took} ms after accepted"
@@ -199,7 +189,7 @@ async def arms_in_hold(kit: UavKit) -> str:
     kit.publish(message)
     words = await kit.outcome(message)
     written = kit.autopilot.flights(mark)
-    modes = [(int(one.message.param2), int(one.message.param3)) for one in written if one.command == SET_MODE]
+    modes = [one.mode for one in written if one.command == SET_MODE]
     in_order = [one.command for one in written][-2:] == [SET_MODE, ARM] and modes[-1:] == [HOLD_MODE]
     expect(in_order, f"arm in MISSION: written {_after(written)}, modes {modes}, expected hold, then arm")
     expect(words.names == ["accepted", "completed"], f"arm in MISSION: came {words}")
@@ -232,8 +222,7 @@ async def believes_no_effect_of_a_restart(kit: UavKit) -> str:
     kit.autopilot.boot()
     await kit.show()
     words = await kit.outcome(message)
-    reason = (words.last or {}).get("reason")
-    is_so = words.names == ["accepted", "unconfirmed"] and reason == "autopilot_restarted"
+    is_so = words.names == ["accepted", "unconfirmed"] and words.reason == "autopilot_restarted"
     expect(is_so, f"landing, then the autopilot's start, disarmed on the ground: came {words}")
     return f"landing, then the autopilot's start, disarmed on the ground: came {words}"
 
@@ -243,11 +232,7 @@ async def repeats_nothing_after_a_stall(kit: UavKit) -> str:
     """After its process stood still, what waited in its socket is not used, and nothing is written again."""
     kit.subject.need()
     await kit.calm()
-    kit.autopilot.manners[ARM] = Manner(result=None)
-    mark = len(kit.autopilot.written)
-    message = kit.command(Arm())
-    kit.publish(message)
-    await kit.written(mark, ARM)
+    message, mark = await kit.unanswered(Arm(), ARM)
     with kit.subject.stopped():
         kit.autopilot.acknowledge(ARM, 0)
         await asyncio.sleep(QUIET_S)

@@ -122,7 +122,7 @@ async def denies_an_id_conflict(kit: UavKit) -> str:
     words = await kit.outcome(message, mark=before)
     await asyncio.sleep(QUIET_S)
     kit.expect_unwritten(mark, "written under an id that was another command's")
-    reason = str((words.last or {}).get("reason"))
+    reason = str(words.reason)
     expect(words.names == ["denied"] and reason.startswith("id_conflict"), f"arm, then disarm: came {words}")
     return f"arm, then disarm under the same id: came {words}; nothing was written"
 
@@ -163,7 +163,7 @@ async def refuses_what_is_malformed(kit: UavKit) -> str:
         gs_session = row[1] if row else with_nan["gs_session"]
         kit.publish_raw(payload)
         words = await kit.said(gs_session, 2)
-        is_denied = words.names == ["denied"] and (words.last or {}).get("reason")
+        is_denied = words.names == ["denied"] and words.reason
         expect(is_denied, f"{name}: {shapes.shown(payload)}: came {words}, expected denied with a reason")
     await asyncio.sleep(QUIET_S)
     kit.expect_unwritten(mark, "a malformed command was written")

@@ -95,7 +95,7 @@ async def looks_at_the_right(kit: UavKit) -> str:
     kit.tap.publish(kit.topics.commands(kit.drone), envelope.encode(), as_it_is=True)
     words = await kit.outcome(message)
     kit.expect_unwritten(mark, f"written for {guest.name}, which may only observe")
-    reason = str((words.last or {}).get("reason"))
+    reason = str(words.reason)
     right = f"mqttxt:may/command/{kit.drone}"
     is_denied = words.names == ["denied"] and reason.startswith("not_allowed")
     expect(is_denied, f"{guest.name} may only observe: came {words}, expected denied(not_allowed, {right})")

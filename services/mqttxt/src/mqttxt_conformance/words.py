@@ -27,6 +27,11 @@ class Words:
     def last(self) -> dict[str, Any] | None:
         return next((word for word in self.words if word["word"] not in FIRST_WORDS), None)
 
+    @property
+    def reason(self) -> Any:
+        """The last word's reason, None without one."""
+        return (self.last or {}).get("reason")
+
     def __str__(self) -> str:
         shown = [word["word"] + (f"({word['reason']})" if "reason" in word else "") for word in self.words]
         return ", ".join(shown) or "no word"

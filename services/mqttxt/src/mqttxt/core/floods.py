@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Hashable
 from typing import Generic, TypeVar
 
@@ -11,6 +12,8 @@ STATION_PER_S, STATION_AT_ONCE = 400, 1000
 """One station's messages: enough for a command to each of 250 drones at once, and a grant for each per second."""
 PAUSE_MS = 1000
 MOST_KNOWN = 1000
+MOST_READINGS = 100
+"""Most kinds of readings that are shown of one drone."""
 
 
 class TokenBucket:
@@ -34,6 +37,20 @@ class TokenBucket:
     def owes(self, station: Hashable, now_ms: int, messages: int) -> None:
         """Charge a station for messages processed without `takes`; as many later ones are refused."""
         self._paid_until_ms[station] = max(self._paid_until_ms.get(station, 0.0), now_ms) + messages * self._ms
+
+
+class FirstReadings:
+    """The first `MOST_READINGS` kinds of readings of each drone: who stores what is shown keeps each for good."""
+
+    def __init__(self) -> None:
+        self._shown: defaultdict[Hashable, set[Hashable]] = defaultdict(set)
+
+    def takes(self, drone: Hashable, kind: Hashable) -> bool:
+        """Whether a reading's kind is among the first ones of its drone."""
+        shown = self._shown[drone]
+        if len(shown) < MOST_READINGS:
+            shown.add(kind)
+        return kind in shown
 
 
 class Repetitions(Generic[Key]):
