@@ -152,6 +152,35 @@ async def test_no_more_is_in_flight_than_the_broker_takes() -> None:
         assert [packet.publish()[2] for packet in session.of(PUBLISH)] == [bytes([n]) for n in range(5)]
 
 
+async def test_acknowledgements_of_what_was_not_sent_count_for_nothing() -> None:
+    async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, heard):
+        for number in range(5):
+            link.publish(state("armed", bytes([number]), qos=1, ref=number))
+        (session,) = server.sessions
+        await eventually(lambda: len(session.of(PUBLISH)) == 2, "as many as the broker takes")
+        for mid in range(1, 20):
+            session.acknowledge(mid)
+        for number in range(5):
+            await eventually(lambda n=number: len(session.of(PUBLISH)) == min(n + 2, 5), "two more")  # type: ignore[misc]
+            session.acknowledge(session.of(PUBLISH)[number].publish()[3], code=0x10)
+        await eventually(lambda: len(heard.acknowledged) == 5, "all acknowledged")
+        assert heard.acknowledged == [(number, 0x10) for number in range(5)]
+        assert [packet.publish()[2] for packet in session.of(PUBLISH)] == [bytes([n]) for n in range(5)]
+
+
+async def test_a_packet_id_is_not_used_again_before_its_acknowledgement(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outgoing, "_OWN_MIDS", range(40_000, 40_003))
+    async with Server(acknowledges=False) as server, linked(server) as (link, heard):
+        (session,) = server.sessions
+        link.publish(state("armed", b"first", qos=1, ref="first"))
+        for number in range(4):
+            link.publish(state("armed", qos=1, ref=number))
+            await eventually(lambda n=number: len(session.of(PUBLISH)) == n + 2, "sent")  # type: ignore[misc]
+            session.acknowledge(session.of(PUBLISH)[-1].publish()[3])
+            await eventually(lambda n=number: heard.acknowledged[-1:] == [(n, 0)], "acknowledged")  # type: ignore[misc]
+        assert [packet.publish()[3] for packet in session.of(PUBLISH)] == [40_000, 40_001, 40_002, 40_001, 40_002]
+
+
 async def test_a_broker_that_acknowledges_nothing_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outgoing, "MOST_HELD", 10)
     async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, heard):

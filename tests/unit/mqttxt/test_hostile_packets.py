@@ -60,6 +60,7 @@ async def test_what_a_publisher_adds_to_its_message_counts_for_nothing(
         pytest.param(
             encoded(Packet(PUBACK, 0, b"\0\x01\0" + b"\x88\x27" + b"\x26\0\0\0\0" * 1000)), id="5 kB of PUBACK"
         ),
+        pytest.param(encoded(Packet(PUBACK, 0, b"\0")), id="half a PUBACK"),
         pytest.param(encoded(Packet(15, 0, b"\0\0")), id="AUTH"),
         pytest.param(b"\x00\x00", id="no packet type"),
     ],

@@ -36,17 +36,20 @@ def taken(data: bytes) -> tuple[list[tuple[str, bytes]], int]:
         start = end
 
 
-@given(TOPICS, PAYLOADS, st.booleans(), st.none() | st.integers(1, 65_535), st.none() | st.integers(1, 2**32 - 1))
+NUMBERS = st.none() | st.integers(1, 65_535)
+
+
+@given(TOPICS, PAYLOADS, st.booleans(), NUMBERS, st.none() | st.integers(1, 2**32 - 1), NUMBERS)
 def test_a_broker_reads_what_was_published(
-    topic: str, payload: bytes, retain: bool, alias: int | None, expiry_s: int | None
+    topic: str, payload: bytes, retain: bool, alias: int | None, expiry_s: int | None, mid: int | None
 ) -> None:
-    data = packets.publish(Publish("cloud", topic, payload, 0, retain, expiry_s), topic, alias)
+    data = packets.publish(Publish("cloud", topic, payload, 0, retain, expiry_s), topic, alias, mid)
     body, end = end_of(data, 0)
     assert end == len(data)
     packet = Packet(data[0] >> 4, data[0] & 15, data[body:])
     properties = {identifier: value for identifier, value in ((2, expiry_s), (35, alias)) if value is not None}
-    assert (packet.kind, packet.flags) == (PUBLISH, int(retain))
-    assert packet.publish() == (topic, properties, payload, 0)
+    assert (packet.kind, packet.flags) == (PUBLISH, retain | (2 if mid is not None else 0))
+    assert packet.publish() == (topic, properties, payload, mid or 0)
 
 
 @examples(100)

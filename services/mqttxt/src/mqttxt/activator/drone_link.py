@@ -50,16 +50,16 @@ class DroneLink:
 
     def age_ms(self, name: str, now_ms: int) -> int | None:
         """Upper bound of a state's age, ms; None if it or the drone's clock is not known."""
-        said_ms = self.said_ms(name, now_ms)
+        known = self.states.get(name)
+        said_ms = None if known is None else self.said_ms(known, now_ms)
         return None if said_ms is None else now_ms - said_ms
 
-    def said_ms(self, name: str, now_ms: int) -> int | None:
-        """The earliest own time at which the drone sent a state; None if the state or the drone's clock is not known.
+    def said_ms(self, known: Known, now_ms: int) -> int | None:
+        """The earliest own time at which the drone sent a state; None if it is too old, or the drone's clock unknown.
 
         Computed once per state: a later bound of the drone's clock does not apply to earlier times.
         """
-        known = self.states.get(name)
-        if known is None or self.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
+        if self.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
             return None
         if known.said_ms is None:
             age_ms = self.clock.age_ms(known.state.stamp, now_ms)
@@ -83,12 +83,16 @@ class DroneLink:
         self.knows_certificate = False
         self.heard_ms = None
 
-    def keep_state(self, state: PlainState, now_ms: int) -> bool:
-        """Keep a state if it is newer than the known one; returns whether it is."""
+    def next_lease(self) -> int:
+        """The counter of the next lease."""
+        self.leases += 1
+        return self.leases
+
+    def keep_state(self, state: PlainState, before: Known | None, now_ms: int) -> Known | None:
+        """Keep a state, and return it, if it is newer than the one `before`; None if it is not."""
         if self.clock is None:
-            return False
-        known = self.states.get(state.name)
-        if known is not None and not stamp_supersedes(state.stamp, known.state.stamp, now_ms - known.received_ms):
-            return False
-        self.states[state.name] = Known(state, now_ms)
-        return True
+            return None
+        if before is not None and not stamp_supersedes(state.stamp, before.state.stamp, now_ms - before.received_ms):
+            return None
+        known = self.states[state.name] = Known(state, now_ms)
+        return known

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import replace
 
 from ..core.channel import Channel
 from ..core.clock import Beacon
@@ -302,19 +301,24 @@ class Drones:
             offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,
             heard_ms=link.heard_ms if self._to_fog.seal is not None else None,
             anew=link.missed or None,
+            counter=link.next_lease(),
         )
-        return [self._publish_lease(link.number, lease)]
+        return [self._publish_lease(link, lease)]
 
     def _refuse(self, link: DroneLink, session: int) -> Publish:
         nonce = secrets.randbelow(2**32)
-        refused = DroneLease(activator_session=self._session, drone_session=session, nonce=nonce, bound=False, epoch=0)
-        return self._publish_lease(link.number, refused)
+        refused = DroneLease(
+            activator_session=self._session,
+            drone_session=session,
+            nonce=nonce,
+            bound=False,
+            epoch=0,
+            counter=link.next_lease(),
+        )
+        return self._publish_lease(link, refused)
 
-    def _publish_lease(self, number: int, lease: DroneLease) -> Publish:
-        link = self.links[number]
-        link.leases += 1
-        lease = replace(lease, counter=link.leases)
+    def _publish_lease(self, link: DroneLink, lease: DroneLease) -> Publish:
         is_known = link.knows_certificate and link.session == lease.drone_session
         return self._to_fog.publish(
-            self._fog.init_connect(number), lease, qos=1, with_certificate=not is_known, everywhere=True
+            self._fog.init_connect(link.number), lease, qos=1, with_certificate=not is_known, everywhere=True
         )

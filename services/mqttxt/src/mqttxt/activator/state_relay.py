@@ -17,7 +17,7 @@ from ..protocol.state_payload import PlainState, encode_relayed, plain_state
 from ..protocol.states import CODES
 from ..protocol.topics import CloudSide, DroneTopic
 from . import qods
-from .drone_link import DroneLink
+from .drone_link import DroneLink, Known
 from .drones import CLOUD, Drones
 from .leases import Leases
 
@@ -60,15 +60,22 @@ class StateRelay:
         states = plain_states(payload) if topic.kind == "states" else [plain_state(topic.name, payload)]
         if link is None:
             return []
-        news = [state.name for state in states if self._is_news(link, state, now_ms)]
-        return [effect for name in news for effect in self._relay(link, name, now_ms)] if self._leases else []
+        out: list[Effect] = []
+        for state in states:
+            known = self._kept(link, state, now_ms)
+            if known is not None and self._leases:
+                self._relay(link, known, now_ms, out)
+        return out
 
     def relay_all(self, links: Iterable[DroneLink], now_ms: int) -> list[Effect]:
         """Publish the last known states of reachable drones, for stations that did not receive them."""
         if not self._leases:
             return []
-        known = [(link, name) for link in links if link.announced for name in link.states]
-        return [effect for link, name in known for effect in self._relay(link, name, now_ms)]
+        out: list[Effect] = []
+        for link in links:
+            for known in link.states.values() if link.announced else ():
+                self._relay(link, known, now_ms, out)
+        return out
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Publish bundles and rankings that are due."""
@@ -97,34 +104,40 @@ class StateRelay:
         self._next_bundle_ms = now_ms + self._settings.bundle_ms
         return self._bundles(now_ms)
 
-    def _is_news(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
-        """Keep a state unless it is older than the known one; returns whether it was kept."""
-        known = link.states.get(state.name)
-        if not link.keep_state(state, now_ms):
-            return False
-        if state.name in URGENT and (known is None or known.state.item != state.item):
+    def _kept(self, link: DroneLink, state: PlainState, now_ms: int) -> Known | None:
+        """Keep a state and return it; None, if it is older than the known one."""
+        name = state.name
+        before = link.states.get(name)
+        known = link.keep_state(state, before, now_ms)
+        if known is None:
+            return None
+        if name in URGENT and (before is None or before.state.item != state.item):
             self._is_urgent = True
-        if state.name in qods.USED:
+        if name in qods.USED:
             self.qods.touched = True
-        return True
+        return known
 
-    def _relay(self, link: DroneLink, name: str, now_ms: int) -> list[Effect]:
+    def _relay(self, link: DroneLink, known: Known, now_ms: int, out: list[Effect]) -> None:
         """Publish a state for the stations, with a conservative relay stamp; nothing before the drone's first echo."""
-        said_ms = link.said_ms(name, now_ms)
+        said_ms = link.said_ms(known, now_ms)
         if said_ms is None:
-            return []
-        state, relay_stamp, out = link.states[name].state, stamp(said_ms), []
+            return
+        state, relay_stamp = known.state, stamp(said_ms)
+        name, leases = state.name, self._leases
         if name in CODES:
-            if self._leases.want_bundles:
-                out = self._bundle((link.number, name), state, relay_stamp, now_ms)
-            if not self._leases.want_topics:
-                return out
+            if leases.want_bundles:
+                self._bundle((link.number, name), state, relay_stamp, now_ms, out)
+            if not leases.want_topics:
+                return
         topic = self._cloud.drone_state(link.number, name)
         payload = encode_relayed(state, relay_stamp, self._settings.encoding)
-        payload = self._channel.state_payload(topic, payload, self._session, now_ms)
-        return [*out, Publish(CLOUD, topic, payload)]
+        if self._channel.signs_states:
+            payload = self._channel.dated_payload(topic, payload, self._session, now_ms)
+        out.append(Publish(CLOUD, topic, payload))
 
-    def _bundle(self, key: tuple[int, str], state: PlainState, relay_stamp: int, now_ms: int) -> list[Effect]:
+    def _bundle(
+        self, key: tuple[int, str], state: PlainState, relay_stamp: int, now_ms: int, out: list[Effect]
+    ) -> None:
         """Keep a state for the next bundle.
 
         A state that arrives about as often as bundles leave must not lose a value to the next one because two clocks
@@ -132,23 +145,21 @@ class StateRelay:
         values together, or the next one is an urgent change, the bundle carries both. Of faster states only the newest
         value is kept.
         """
-        out: list[Effect] = []
         interval_ms = self._settings.bundle_ms
         waiting = self._bundled.get(key)
         if waiting is not None and now_ms - waiting.came_ms >= PATIENCE * interval_ms:
             self._next_bundle_ms = now_ms + interval_ms // 2
-            out = self._bundles(now_ms)
+            out += self._bundles(now_ms)
             waiting = None
         is_slow = self._is_slow(key, state.stamp)
         if waiting is None:
             self._bundled[key] = Waiting(now_ms, [(relay_stamp, state)])
-            return out
+            return
         newest = waiting.states[-1][1]
         if not is_slow and not (state.name in URGENT and newest.item != state.item):
             waiting.states.pop()
         waiting.states.append((relay_stamp, state))
         waiting.came_ms = now_ms
-        return out
 
     def _is_slow(self, key: tuple[int, str], origin: int) -> bool:
         """Whether a state comes about as often as bundles leave, by the stamps of its last three values.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, fields, make_dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, get_type_hints
 
 from ..errors import PayloadError
@@ -101,8 +101,13 @@ def encode_relayed(message: PlainState, relay_stamp: int, encoding: Encoding) ->
         return encode_state(StampedState(message.state, message.stamp, relay_stamp), encoding)
     if message.origin is None:
         return encode_plain([relay_stamp, message.stamp, *message.item[1:]])
-    # One more item at the front of the array, whose head still fits into one byte.
-    return bytes((message.origin[0] + 1,)) + encode_plain(relay_stamp) + message.origin[1:]
+    return _longer_head(message.origin[0], relay_stamp) + message.origin[1:]
+
+
+@lru_cache(maxsize=1024)
+def _longer_head(head: int, first: int) -> bytes:
+    """The head of a short array with one more item, and that item; cached, since states of one moment share it."""
+    return bytes((head + 1,)) + encode_plain(first)
 
 
 def _state_of(name: str, values: dict[str, Any]) -> State:

@@ -43,10 +43,9 @@ def make_client(
         client_id=client_id,
         protocol=MQTTProtocolVersion.MQTTv5,
         reconnect_on_failure=False,
-        manual_ack=True,  # paho never sees a PUBLISH
+        manual_ack=True,  # paho never sees a PUBLISH or a PUBACK
     )
     client.connect_timeout = CONNECT_TIMEOUT_S
-    client.max_inflight_messages = 0  # paho's own limit; the connection keeps to the broker's
     if will is not None:
         client.will_set(will.topic, will.payload, qos=1, retain=True)
     if address.username is not None:

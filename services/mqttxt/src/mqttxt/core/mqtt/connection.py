@@ -93,7 +93,6 @@ class Connection:
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
         client.on_subscribe = self._on_subscribe
-        client.on_publish = self._on_publish
 
     async def open(self) -> int:
         """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
@@ -232,13 +231,6 @@ class Connection:
 
     def _on_subscribe(self, _client: Client, _userdata: Any, mid: int, codes: Any, _properties: Any) -> None:
         self._incoming.note(self._subscriptions.on_suback, mid, [code.value for code in codes])
-
-    def _on_publish(self, _client: Client, _userdata: Any, mid: int, code: Any, _properties: Any) -> None:
-        self._incoming.was_served = True
-        ref = self._outgoing.on_puback(mid)
-        if ref is not None:
-            self._incoming.note(self._events.published, self.name, ref, code.value)
-        self._incoming.note(self._outgoing.go_on)
 
     def _refused(self, topic: str, code: int, for_good: bool) -> None:
         """A filter was refused: for good, which ends the link, or this time, which leads to a new connection."""

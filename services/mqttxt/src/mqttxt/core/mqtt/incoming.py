@@ -20,13 +20,13 @@ from .buffered import Buffered
 from .events import LinkEvents
 from .keep_alive import KeepAlive
 from .outgoing import Outgoing
-from .packets import KIND, PINGRESP, PUBLISH, RETAIN, end_of, message_of
+from .packets import KIND, PINGRESP, PUBACK, PUBLISH, RETAIN, acknowledged, end_of, message_of, puback
 from .properties import LARGEST_PACKET
 
 logger = logging.getLogger("mqttxt.mqtt")
 
 _LONGEST_OTHER = 4096
-"""Bytes of a packet other than PUBLISH; paho parses these, and takes longer for each further property."""
+"""Bytes of a packet other than PUBLISH; paho parses most of these, and takes longer for each further property."""
 _TAKEN_AT_ONCE = 256
 _SERIALS = count(1)
 _UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
@@ -108,7 +108,7 @@ class Incoming:
         """Send the PUBACK of a message, unless another connection received it; to be called in the order of arrival."""
         serial, mid = receipt
         if serial == self._serial:
-            self._client.ack(mid, 1)
+            self._outgoing.send(puback(mid))
 
     def _take_packet(self, sock: Buffered) -> bool:
         """Process the first received packet; returns False if none is complete."""
@@ -125,11 +125,14 @@ class Incoming:
         if came[start] & KIND == PUBLISH:
             self.was_served = True
             self._take_message(came, start, body, end)
+        elif end - start > _LONGEST_OTHER:
+            raise ValueError(f"{end - start} bytes that are no PUBLISH; expected at most {_LONGEST_OTHER}")
+        elif came[start] & KIND == PUBACK:
+            self.was_served = True
+            self.note(self._outgoing.on_puback, *acknowledged(came, body, end))
         elif came[start] == PINGRESP:
             self.was_served = True
             self._keep_alive.answered(self._loop.time())
-        elif end - start > _LONGEST_OTHER:
-            raise ValueError(f"{end - start} bytes that are no PUBLISH; expected at most {_LONGEST_OTHER}")
         else:
             self._outgoing.owe_an_answer()
             sock.for_paho = came[start:end]
@@ -149,9 +152,5 @@ class Incoming:
         if qos:
             self._outgoing.owe_an_answer()
             if receipt is None:
-                self.note(self._answer, mid, qos)
-
-    def _answer(self, mid: int, qos: int) -> None:
-        """Send the PUBACK after the role has handled the message, so that a command is forwarded before the PUBACK."""
-        if self._outgoing.sock is not None:
-            self._client.ack(mid, qos)
+                # The PUBACK follows once the role has handled the message, and forwarded a command.
+                self.note(self._outgoing.send, puback(mid))

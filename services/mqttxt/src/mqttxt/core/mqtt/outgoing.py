@@ -1,21 +1,21 @@
-"""Writes to a broker in bulk; QoS 0 messages, of which there may be thousands per second, bypass paho."""
+"""Writes to a broker in bulk; messages, of which there may be thousands per second, bypass paho."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import deque
 from collections.abc import Callable, Hashable
+from itertools import count
 from typing import TYPE_CHECKING, cast
 
 from paho.mqtt.client import Client
-from paho.mqtt.enums import MQTTErrorCode
 
 from ..address import BrokerAddress
 from ..effects import Publish
 from .aliases import AliasTable
 from .events import LinkEvents
 from .packets import publish
-from .properties import BrokerLimits, expiry_properties
+from .properties import BrokerLimits
 
 if TYPE_CHECKING:
     from .buffered import Buffered
@@ -24,6 +24,8 @@ TOO_LONG, TOO_MUCH = 0x95, 0x97
 """Reason codes of messages that are dropped (MQTT 5.0, 2.4): packet too large, quota exceeded."""
 MOST_HELD = 10_000
 """How many publishes wait while the broker reads nothing or, at QoS 1, acknowledges nothing; others are dropped."""
+_OWN_MIDS = range(0x8000, 0x10000)
+"""Packet ids of publishes; paho numbers its few SUBSCRIBEs and UNSUBSCRIBEs from 1."""
 _MOST_OWED = 2000
 """More than a broker may send without reading: the Receive Maximum, and an answer to each of our own publishes."""
 
@@ -42,12 +44,14 @@ class Outgoing:
         self._name = name
         self._address = address
         self._client = client
+        self._socket = cast("Callable[[], Buffered | None]", client.socket)
         self._events = events
         self._failed = failed
         self._loop = asyncio.get_running_loop()
         self._limits, self._aliases = BrokerLimits(), AliasTable(0)
         self._refs: dict[int, Hashable] = {}
         self._unacknowledged: set[int] = set()
+        self._serials = count()
         self._waiting: deque[Publish] = deque()
         self._settled: asyncio.Future[None] | None = None
         self._flush_is_due = self._is_blocked = False
@@ -56,7 +60,7 @@ class Outgoing:
     @property
     def sock(self) -> Buffered | None:
         """The socket; None if it is closed."""
-        return cast("Buffered | None", self._client.socket())
+        return self._socket()
 
     @property
     def has_waiting(self) -> bool:
@@ -87,22 +91,26 @@ class Outgoing:
                 return 0
             self._events.count("held_up", f"{self._name}: {effect.topic}: {self._address} acknowledges nothing")
             return TOO_MUCH
-        if effect.qos == 0:
-            if self._client.want_write():  # paho's own unwritten packets come first
-                self._client.loop_write()
-            sock = self.sock
-            if sock is not None:
-                sock.send(publish(effect, *self._aliases.shorten(effect.topic)))
-                self.flush_soon()
+        if self._client.want_write():  # paho's own unwritten packets come first
+            self._client.loop_write()
+        sock = self._socket()
+        if sock is None:
             return 0
-        info = self._client.publish(
-            effect.topic, effect.payload, effect.qos, effect.retain, expiry_properties(effect.expiry_s)
-        )
-        if info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
-            self._unacknowledged.add(info.mid)
+        if effect.qos == 0:
+            sock.send(publish(effect, *self._aliases.shorten(effect.topic)))
+        else:
+            mid = self._unused_mid()
+            self._unacknowledged.add(mid)
             if effect.ref is not None:
-                self._refs[info.mid] = effect.ref
+                self._refs[mid] = effect.ref
+            sock.send(publish(effect, effect.topic, None, mid))
+        self.flush_soon()
         return 0
+
+    def _unused_mid(self) -> int:
+        """The next packet id that no unacknowledged message has."""
+        mids = (_OWN_MIDS[serial % len(_OWN_MIDS)] for serial in self._serials)
+        return next(mid for mid in mids if mid not in self._unacknowledged)
 
     def send(self, packet: bytes) -> None:
         """Send a packet, bypassing paho."""
@@ -111,16 +119,17 @@ class Outgoing:
             sock.send(packet)
             self.flush_soon()
 
-    def on_puback(self, mid: int) -> Hashable | None:
-        """A publish was acknowledged; returns its `ref`."""
-        self._unacknowledged.discard(mid)
-        return self._refs.pop(mid, None)
-
-    def go_on(self) -> None:
-        """After an acknowledgement, send the next waiting message."""
+    def on_puback(self, mid: int, code: int) -> None:
+        """A publish was acknowledged, or refused, with a reason code: send the next waiting message, and report it."""
+        if mid not in self._unacknowledged:
+            return
+        self._unacknowledged.remove(mid)
+        ref = self._refs.pop(mid, None)
         if self._waiting and self.sock is not None:
             self.publish(self._waiting.popleft())
         self._check_settled()
+        if ref is not None:
+            self._events.published(self._name, ref, code)
 
     def owe_an_answer(self) -> None:
         """Count an answer for a broker that reads nothing; raises ValueError after too many of them."""

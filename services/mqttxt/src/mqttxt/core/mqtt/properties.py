@@ -1,4 +1,4 @@
-"""MQTT 5 properties of CONNECT and PUBLISH, and the limits in a broker's CONNACK."""
+"""The MQTT 5 properties of CONNECT, and the limits in a broker's CONNACK."""
 
 from __future__ import annotations
 
@@ -16,15 +16,6 @@ MOST_IN_FLIGHT = 100
 """How many QoS 1 publishes we send without the broker's acknowledgement, if it allows as many."""
 _OVERHEAD = 32
 """Upper bound of a PUBLISH's bytes besides topic and payload: header 5, lengths 3, packet id 2, alias 3, expiry 5."""
-
-
-def expiry_properties(expiry_s: int | None) -> Properties | None:
-    """The properties of a PUBLISH; None if it does not expire."""
-    if expiry_s is None:
-        return None
-    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
-    properties.MessageExpiryInterval = expiry_s
-    return properties
 
 
 def connect_properties(session_expiry_s: int, aliases: int) -> Properties:
