@@ -385,6 +385,24 @@ async def test_a_command_during_the_arming_gives_the_takeoff_up(group: Any) -> N
     assert bench.texts()[-1] == "takeoff given up: another command came"
 
 
+async def test_after_a_stall_no_takeoff_follows_its_arm_and_no_arm_its_hold(group: Any) -> None:
+    """The machine was suspended, and the words of the arm and the hold are asked for an hour later."""
+    bench = disarmed(group)
+    client = bench.client()
+    await bench.ask(client, TAKEOFF)
+    await bench.ask(client, ARM)
+    bench.desk.on_stall()
+    await bench.say(Word.COMPLETED)
+    assert (bench.drone.commands, bench.texts()[-1]) == ([Arm()], "takeoff given up: the gateway stood still")
+    bench = disarmed(group)
+    client = bench.client()
+    await bench.ask(client, HOLD)
+    await bench.ask(client, ARM)
+    bench.desk.on_stall()
+    await bench.say(Word.ACCEPTED)
+    assert (bench.drone.commands, bench.acks()[-1]) == ([Hold()], (400, NOT_NOW))
+
+
 async def test_where_the_arming_fails_there_is_no_takeoff(group: Any) -> None:
     bench = disarmed(group)
     client = bench.client()
@@ -574,3 +592,5 @@ async def test_with_take_over_a_repetition_takes_nothing_back(group: Any) -> Non
     await bench.ask(second, HOLD)
     await bench.ask(first, LAND, confirmation=1)
     assert bench.drone.commands == [Land(), Hold()]
+    assert bench.texts() == ["control was taken by system 245 at script"]
+    assert bench.texts("script") == []

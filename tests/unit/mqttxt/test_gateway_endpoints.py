@@ -39,8 +39,12 @@ def free_port(kind: socket.SocketKind) -> int:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "udp:", "udp:127.0.0.1", "udp:127.0.0.1:0", "udp:127.0.0.1:65536", "tcp:127.0.0.1:5760", "udp::14550"]
-)
+    "text",
+    [
+        "", "udp:", "udp:127.0.0.1", "udp:127.0.0.1:0", "udp:127.0.0.1:65536", "tcp:127.0.0.1:5760", "udp::14550",
+        "udp:::1:14550",
+    ],
+)  # fmt: skip
 def test_what_is_no_address_is_one_line(text: str) -> None:
     with pytest.raises(ConfigurationError, match=r"^--to '.*': expected udp:HOST:PORT$"):
         ClientAddress.parse(text, "udp", "--to", insecure=True)
@@ -50,7 +54,8 @@ def test_another_machine_has_to_be_allowed() -> None:
     with pytest.raises(ConfigurationError, match="--insecure-mavlink"):
         ClientAddress.parse("tcp:0.0.0.0:5760", "tcp", "--listen", insecure=False)
     assert str(ClientAddress.parse("tcp:0.0.0.0:5760", "tcp", "--listen", insecure=True)) == "tcp:0.0.0.0:5760"
-    assert ClientAddress.parse("udp:localhost:14550", "udp", "--to", insecure=False).port == 14_550
+    for own in ("udp:localhost:14550", "udp:127.0.0.1:14550", "udp:[::1]:14550"):
+        assert str(ClientAddress.parse(own, "udp", "--to", insecure=False)) == own
 
 
 async def test_a_udp_client_that_listens_is_shown_and_heard_and_nobody_else_is() -> None:
@@ -132,6 +137,22 @@ async def test_a_client_that_does_not_read_is_left_and_the_others_go_on() -> Non
                 send_text(peer, 1, Severity.INFO, "x" * 50)
             await asyncio.sleep(0)
     writer.transport.abort()
+    await heard.endpoints.close()
+
+
+async def test_a_client_that_floods_does_not_keep_the_others_waiting() -> None:
+    """Reading one connection for long would be a stall of the gateway, which executes no client's commands then."""
+    heard, port = Heard(), free_port(socket.SOCK_STREAM)
+    await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])
+    (_, flooder), (_, other) = [await asyncio.open_connection("127.0.0.1", port) for _ in range(2)]
+    await heard.until(lambda: len(heard.endpoints.peers) == 2)
+    flooder.write(HEARTBEAT * 2500)
+    other.write(HEARTBEAT)
+    name = f"tcp:127.0.0.1:{other.get_extra_info('sockname')[1]}"
+    await heard.until(lambda: name in [peer for peer, _ in heard.messages])
+    assert [peer for peer, _ in heard.messages].index(name) < 500
+    for writer in (flooder, other):
+        writer.transport.abort()
     await heard.endpoints.close()
 
 

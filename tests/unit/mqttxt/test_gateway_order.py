@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt import Airframe, Arm, Armed, Disarm, Goto, Hold, Land, Mavlink, StartMission, Word
+from mqttxt import Airframe, Arm, Armed, Disarm, Goto, Hold, Land, Mavlink, Mission, StartMission, Word
 from mqttxt.gateway.clients import Client
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.translation import REQUEST_OPERATOR_CONTROL, Request
@@ -58,6 +58,23 @@ async def test_what_waited_for_a_plan_is_not_sent_behind_a_newer_command(
     await bench.settle()
     assert bench.drone.commands == [sent]
     assert "given up: another command came" in bench.texts()[-1]
+
+
+@pytest.mark.parametrize("asked", [ARM, START])
+async def test_what_waited_for_a_plan_is_not_sent_after_the_gateway_stood_still(group: Any, asked: Request) -> None:
+    """The machine was suspended, for an hour maybe: client and drone go on as if nothing had been."""
+    bench = Bench(group)
+    client = bench.client()
+    await uploaded(bench, client)
+    await bench.ask(client, asked)
+    bench.desk.on_stall()
+    beat(bench, client)
+    await bench.carry(Word.COMPLETED)
+    assert bench.drone.commands == []
+    assert bench.acks()[-1] == (asked.mav_cmd, NOT_NOW)
+    assert "given up: the gateway stood still" in bench.texts()[-1]
+    await bench.ask(client, asked)
+    assert len(bench.drone.commands) == 1
 
 
 async def test_what_waited_for_a_plan_is_not_sent_behind_a_newer_command_that_waited_for_control(group: Any) -> None:
@@ -292,7 +309,51 @@ async def test_of_a_client_that_is_gone_nothing_is_sent_when_another_one_beats(g
     assert bench.drone.commands == []
 
 
-async def test_ten_seconds_after_its_end_a_command_is_forgotten(group: Any) -> None:
+async def test_a_client_that_numbers_its_repetitions_and_goes_on_is_not_obeyed_twice(group: Any) -> None:
+    """The drone may have armed, and nothing was acknowledged: the client has no reason to stop."""
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, ARM)
+    await bench.say(Word.UNCONFIRMED)
+    for confirmation in range(1, 30):
+        bench.pass_time(3000)
+        beat(bench, client)
+        await bench.ask(client, ARM, confirmation)
+    assert bench.drone.commands == [Arm()]
+    bench.pass_time(10_050)
+    beat(bench, client)
+    await bench.ask(client, ARM, 30)
+    assert bench.drone.commands == [Arm(), Arm()]
+
+
+async def test_a_client_that_connects_anew_and_repeats_is_not_obeyed_twice(group: Any) -> None:
+    """A mission that is flown would begin anew."""
+    bench = Bench(group)
+    bench.states = (*bench.states, Mission(1, 0, 3, b"m" * 16))
+    client = bench.client()
+    await bench.ask(client, START)
+    bench.clients.on_gone(client.peer)
+    again = bench.client("again")
+    await bench.ask(again, START, confirmation=1)
+    await bench.say(Word.ACCEPTED)
+    assert [(ack.command, ack.result) for ack in bench.of("COMMAND_ACK", "again")] == [
+        (300, IN_PROGRESS),
+        (300, ACCEPTED),
+    ]
+    assert (len(bench.drone.commands), bench.of("COMMAND_ACK")) == (1, [])
+
+
+async def test_clients_that_share_an_id_do_not_repeat_each_others_commands(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, LAND)
+    await bench.ask(bench.client("other"), LAND, confirmation=1)
+    await bench.say(Word.ACCEPTED)
+    assert bench.acks() == [(21, ACCEPTED)]
+    assert [ack.result for ack in bench.of("COMMAND_ACK", "other")] == [DENIED]
+
+
+async def test_ten_seconds_after_its_end_or_repetition_a_command_is_forgotten(group: Any) -> None:
     """The same one is new then, however it is numbered."""
     bench = Bench(group)
     bench.states = (Airframe(PX4, 2), Armed(False))
@@ -303,6 +364,7 @@ async def test_ten_seconds_after_its_end_a_command_is_forgotten(group: Any) -> N
     beat(bench, client)
     await bench.ask(client, ARM, confirmation=2)
     assert bench.drone.commands == [Arm()]
-    bench.pass_time(100)
+    bench.pass_time(10_050)
+    beat(bench, client)
     await bench.ask(client, ARM, confirmation=3)
     assert bench.drone.commands == [Arm(), Arm()]

@@ -360,7 +360,10 @@ async def test_with_take_over_the_second_upload_ends_the_first(group: Any) -> No
     bench.pass_time(50)
     await bench.settle()
     assert [len(plan.content.mission or ()) for plan, _ in bench.drone.uploads] == [1, 3]
-    assert bench.texts("script") == ["mission upload: control is lost; the drone may have the new list"]
+    assert bench.texts("script") == [
+        "control was taken by system 255 at qgc",
+        "mission upload: control is lost; the drone may have the new list",
+    ]
 
 
 async def test_who_sends_no_heartbeats_uploads_nothing(group: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import (
     Airframe,
+    Arm,
     Armed,
     AutopilotText,
     Battery,
@@ -90,13 +91,15 @@ class Commanded(FakeDrone):
     def __init__(self, number: int, *states: State) -> None:
         super().__init__(number, *states)
         self.sent: list[Command] = []
+        self.record = Record[Outcome]()
 
     def claim(self) -> None:
         pass
 
     def send(self, command: Command, *, ttl_s: float) -> SentCommand[Outcome, Outcome]:
         self.sent.append(command)
-        return SentCommand(Record(), last_word)
+        self.record = Record[Outcome]()
+        return SentCommand(self.record, last_word)
 
 
 class FakeFog:
@@ -185,6 +188,8 @@ def beats(client: Socket) -> list[int]:
 
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 LAND = mavlink.MAVLink_command_long_message(1, 1, 21, 0, *[math.nan] * 7)
+TAKEOFF = mavlink.MAVLink_command_long_message(1, 1, 22, 0, *[math.nan] * 7)
+ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1.0, *[0.0] * 6)
 
 
 def suspend(monkeypatch: pytest.MonkeyPatch, seconds: int) -> None:
@@ -437,6 +442,37 @@ async def test_the_time_in_which_a_command_waited_while_the_machine_was_suspende
     client.say(LAND)
     await until(lambda: drone.sent)
     assert drone.sent == [Land()]
+
+
+async def test_a_machine_that_was_suspended_flies_no_takeoff_of_before(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drone, client = bench.commanded(), await bench.client()
+    await until(lambda: client.messages)
+    client.say(HEARTBEAT, TAKEOFF, ARM)
+    await until(lambda: drone.sent)
+    suspend(monkeypatch, 25)
+    await until_beats(client, 1, 1)
+    drone.record.hear(Outcome(CommandId(1, 1), 1, 1, "arm", Word.COMPLETED))
+    drone.record.end()
+
+    def has_ended() -> bool:
+        client.say(HEARTBEAT)
+        return any("takeoff given up" in text.text for text in client.of("STATUSTEXT"))
+
+    await until(has_ended)
+    assert drone.sent == [Arm()]
+
+
+async def test_what_clients_send_while_the_gateway_ends_is_not_handled(bench: Bench) -> None:
+    drone, client = bench.commanded(), await bench.client()
+    await until(lambda: client.messages)
+    bench.running.cancel()
+    await asyncio.sleep(0)
+    (peer,) = bench.gateway._endpoints.peers
+    land = mavlink.MAVLink(None).decode(bytearray(LAND.pack(mavlink.MAVLink(None, 255, 190))))
+    bench.gateway._on_message(peer, land)
+    assert drone.sent == []
 
 
 async def test_a_stations_end_is_the_gateways(bench: Bench) -> None:

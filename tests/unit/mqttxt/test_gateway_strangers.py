@@ -100,6 +100,22 @@ async def test_who_sends_no_heartbeat_finds_bounded_room_until_it_does(
     assert bench.acks("stranger")[-1] == (115, DENIED), "there is room again, and no HEARTBEAT waits long"
 
 
+async def test_who_sends_no_heartbeat_ends_no_upload_of_who_did(group: Any) -> None:
+    bench = Bench(group)
+    pilot, other = bench.client(), stranger(bench)
+    begin = mavlink.MAVLink_mission_count_message(1, 1, 1, 0)
+    item = mavlink.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 0, 1, 0, 0, 0, 0, 473_977_420, 85_455_940, 20.0, 0)
+    await bench.send(pilot, begin)
+    bench.pass_time(3100)
+    await bench.send(other, begin)
+    assert [ack.type for ack in bench.of("MISSION_ACK", "stranger")] == [mavlink.MAV_MISSION_DENIED]
+    assert bench.texts("stranger") == [
+        "mission upload: system 255 at qgc is uploading, and system 200 at stranger sends no HEARTBEAT"
+    ]
+    await bench.send(pilot, item)
+    assert len(bench.drone.uploads) == 1
+
+
 async def test_a_strangers_command_does_not_free_an_arm_from_its_hold(group: Any) -> None:
     """Nobody knows whether the drone holds: armed, it might fly its mission."""
     for request in (LAND, HOLD):

@@ -319,12 +319,30 @@ def test_a_list_that_cannot_be_kept_counts_and_is_kept_later(acme: Authority) ->
     assert Fleet.load(folder).revoked.number == 2
 
 
-def test_a_kept_list_of_another_fleet_is_named(acme: Authority, tmp_path: Path) -> None:
+@pytest.mark.parametrize("spoilt", [b"", b"\0" * 500, b"-----BEGIN X509 CRL-----\n", None])
+def test_a_node_starts_without_the_list_that_it_kept_and_keeps_it_anew(
+    acme: Authority, tmp_path: Path, caplog: pytest.LogCaptureFixture, spoilt: bytes | None
+) -> None:
+    """A drone in flight that starts anew must not end by a file that it wrote itself; None is another fleet's list."""
     folder = acme.issue("drone3")
-    theirs = Authority.create(tmp_path / "theirs", "theirs")
-    (folder / "newest.pem").write_bytes(theirs.fleet.revoked.pem())
-    with pytest.raises(ConfigurationError, match=r"newest.pem: not signed by this fleet's authority"):
-        Identity.load(folder)
+    Identity.load(folder).fleet.keep()
+    theirs = Authority.create(tmp_path / "theirs", "theirs").fleet.revoked.pem()
+    (folder / "newest.pem").write_bytes(theirs if spoilt is None else spoilt)
+    drone = Identity.load(folder)
+    assert drone.fleet.revoked == acme.fleet.revoked
+    (line,) = caplog.messages
+    assert line.startswith(f"{folder / 'newest.pem'}: ")
+    drone.fleet.keep()
+    assert (folder / "newest.pem").read_bytes() == acme.fleet.revoked.pem()
+
+
+def test_a_kept_list_that_cannot_be_read_is_written_anew(acme: Authority) -> None:
+    folder = acme.issue("drone3")
+    fleet = Identity.load(folder).fleet
+    fleet.keep()
+    (folder / "newest.pem").write_bytes(bytes(files.MOST_BYTES + 1))
+    fleet.keep()
+    assert (folder / "newest.pem").read_bytes() == fleet.revoked.pem()
 
 
 def test_an_authority_that_was_restored_goes_on_from_a_nodes_newest_list(acme: Authority) -> None:

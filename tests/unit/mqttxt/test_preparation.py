@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mqttxt.protocol.commands import Arm, Command, Takeoff
+from mqttxt.protocol.commands import Arm, Command, Disarm, Hold, Land, Return, Takeoff
 from mqttxt.protocol.messages import Word
 from tests.simulation.workbench import ARM, MODE, TAKEOFF, Bench, said, written
 from tests.simulation.world import ack, home, landed, position
@@ -14,6 +14,7 @@ from tests.simulation.world import heartbeat as px4_heartbeat
 from tests.unit.mqttxt.test_ardupilot import BRAKE, GUIDED, LAND, LOITER, STABILIZE, heartbeat
 
 GROUND, AIR = 1, 2
+LANDING = 21
 REFUSED = 4
 CLIMB = Takeoff(10.0)
 PREPARED: list[tuple[Command, int, bool, int]] = [(CLIMB, LOITER, True, TAKEOFF), (Arm(), LAND, False, ARM)]
@@ -120,6 +121,34 @@ def test_in_the_air_no_mode_is_changed_for_a_takeoff_that_would_be_refused(mode:
     bench = Bench(heartbeat(mode, armed=True), home(), position(10.0), landed(AIR))
     out = bench.start(1, CLIMB)
     assert (written(out), said(out)) == ([], [(1, Word.DENIED, "in_air")])
+
+
+@pytest.mark.parametrize("shown", [px4_heartbeat(main=4, sub=2), heartbeat(LAND, armed=False)])
+@pytest.mark.parametrize(("command", "number"), [(Land(), LANDING), (Return(), MODE)])
+def test_an_older_arms_mode_does_not_undo_that_of_a_newer_command(command: Command, number: int, shown: Any) -> None:
+    bench = Bench(shown, home(), position(), landed(GROUND))
+    assert written(bench.start(1, Arm())) == [MODE]
+    assert written(bench.start(2, command)) == [number]
+    out = bench.until(5000)
+    assert said(out)[0] == (1, Word.FAILED, "mode_changed")
+    assert written(out) == [number] * 3
+
+
+def test_an_older_arm_that_waits_does_not_begin_to_undo_the_mode_of_a_newer_command() -> None:
+    bench = Bench(px4_heartbeat(main=4, sub=3), home(), position(), landed(GROUND))
+    bench.start(1, Disarm())
+    bench.until(2500)  # unanswered, so that the number rests
+    assert written(bench.start(2, Arm())) == []
+    assert written(bench.start(3, Return())) == [MODE]
+    out = later(bench, 100, ack(MODE), ack(MODE), px4_heartbeat(main=4, sub=5))
+    assert (written(out), said(out)[-1]) == ([], (2, Word.DENIED, "mode_changed"))
+
+
+def test_an_arm_goes_on_behind_a_newer_command_of_the_mode_that_it_needs() -> None:
+    bench = Bench(px4_heartbeat(main=4, sub=2), home(), position(), landed(GROUND))
+    bench.start(1, Arm())
+    bench.start(2, Hold())
+    assert written(later(bench, 100, ack(MODE), ack(MODE), px4_heartbeat(main=4, sub=3))) == [ARM]
 
 
 def test_px4s_second_answer_refuses_the_mode() -> None:

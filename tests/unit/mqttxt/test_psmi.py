@@ -396,6 +396,16 @@ def test_a_choice_that_may_have_been_forgotten_is_not_denied() -> None:
     assert not bench.role.relay.ledger.open_entries()
 
 
+def test_a_denied_choice_is_not_made_when_it_comes_again_after_the_ledger_has_dropped_it() -> None:
+    bench = flock(2, 1)
+    due_ms = bench.now_ms + 3_600_000
+    bench.select(TARGET, deadline_ms=due_ms)
+    bench.now_ms = due_ms - 1000
+    bench.command(Hold(), gs_session=0xE7E)
+    assert of(bench.select(TARGET, deadline_ms=due_ms), "fog1/commands_result/goto") == []
+    assert not bench.role.relay.ledger.open_entries()
+
+
 def test_a_command_that_is_not_the_topics_is_denied() -> None:
     effects = flock(1).cloud("commands/goto", b'{"version":1,"gs_session":17,"seq":9}')
     (publish,) = of(effects, "fog1/commands_result/malformed")

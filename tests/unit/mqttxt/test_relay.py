@@ -144,6 +144,24 @@ def test_a_command_that_never_came_is_expired_however_late_it_is_asked_for() -> 
     assert words(bench.command(seq=2, deadline_ms=due_ms)) == [(Word.EXPIRED, None)]
 
 
+def test_a_denied_command_is_not_forwarded_when_it_comes_again_after_the_ledger_has_dropped_it() -> None:
+    bench = ready()
+    due_ms = BORN_MS + 3_600_000
+    assert words(bench.command(deadline_ms=due_ms)) == [(Word.DENIED, "deadline_too_far")]
+    bench.now_ms = due_ms - 1000
+    bench.command(gs_session=EVE)
+    again = bench.command(deadline_ms=due_ms)
+    assert (words(again), of(again, "drone1/commands")) == ([(Word.UNCONFIRMED, None)], [])
+
+
+def test_a_full_ledger_does_not_deny_what_may_still_be_in_time_when_it_has_room() -> None:
+    bench = ready()
+    bench.register()
+    bench.role.relay.ledger._capacity = 0
+    assert words(bench.command(deadline_ms=BORN_MS + 5000)) == [(Word.DENIED, "ledger_full")]
+    assert words(bench.command(seq=2, deadline_ms=BORN_MS + 3_600_000)) == []
+
+
 def test_a_word_is_relayed_once_and_never_after_the_last_one() -> None:
     bench = ready()
     bench.command()

@@ -181,6 +181,29 @@ def test_a_full_ledger_denies() -> None:
     assert transmitted(effects) == []
 
 
+HOUR_MS = 3_600_000
+
+
+def test_a_denied_command_is_not_executed_when_it_comes_again_after_the_ledger_has_dropped_it() -> None:
+    uav = client()
+    far = command_payload(Arm(), deadline_ms=HOUR_MS)
+    assert words(hear(uav, far)) == [(Word.DENIED, "deadline_too_far")]
+    again_ms = HOUR_MS - 1000
+    ready(uav, again_ms)
+    hear(uav, command_payload(Hold(), gs_session=0x77), again_ms)
+    again = hear(uav, far, again_ms)
+    assert (words(again), transmitted(again)) == ([(Word.UNCONFIRMED, None)], [])
+    later = command_payload(Arm(), seq=2, deadline_ms=again_ms + 5000)
+    assert len(transmitted(hear(uav, later, again_ms))) == 1
+
+
+def test_a_full_ledger_does_not_deny_what_may_still_be_in_time_when_it_has_room() -> None:
+    uav = controlled()
+    uav.desk.ledger._capacity = 0
+    effects = hear(uav, command_payload(Arm(), deadline_ms=HOUR_MS))
+    assert [type(effect) for effect in effects] == [Log]
+
+
 def test_another_drones_topic_is_not_listened_to() -> None:
     (log,) = client().on_message("fog", Inbound("drone2/commands", encode(command_payload(Arm()))), 1000)
     assert isinstance(log, Log)

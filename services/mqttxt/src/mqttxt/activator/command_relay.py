@@ -149,7 +149,7 @@ class Relay:
             first.signed = first.signed.signed_again(signed) if first.signed is not None else None
             is_due = first.is_answered and self._repetitions.may_answer(entry.id, now_ms)
             return None, self.words.repeat(entry, now_ms) if is_due else []
-        if verdict is Admission.IGNORED:
+        if verdict is Admission.IGNORED or (verdict is Admission.FULL and deadline_ms > keep_ms):
             return None, [
                 Log("outsiders", f"{command.command.name} of session {command.gs_session:08x}: no room for it")
             ]
@@ -283,8 +283,9 @@ class Relay:
         job, link = entry.record, self._drones.links.get(drone)
         leg = job.legs.setdefault(drone, Leg(drone))
         remaining_ms = job.deadline_ms - now_ms
-        if remaining_ms <= 0 and not job.query:
-            word = Word.UNCONFIRMED if self.ledger.may_have_forgotten(entry.id) else Word.EXPIRED
+        is_forgotten = self.ledger.may_have_forgotten(entry.id)
+        if (remaining_ms <= 0 or is_forgotten) and not job.query:
+            word = Word.UNCONFIRMED if is_forgotten else Word.EXPIRED
             return self.words.close(entry, leg, word, None, now_ms)
         refusal = job.signed.refusal(job.message.command, drone, job.query) if job.signed is not None else None
         if refusal is not None:

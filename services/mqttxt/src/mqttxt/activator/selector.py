@@ -107,9 +107,9 @@ class Selector:
     def _proceed(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
         if entry.record.query and wanted.mode in (SelectMode.SELECT, SelectMode.COMMIT):
             return self._ask_everyone(entry, now_ms)
+        if self._relay.ledger.may_have_forgotten(entry.id):
+            return self._close(entry, now_ms)
         if now_ms >= entry.record.deadline_ms:
-            if self._relay.ledger.may_have_forgotten(entry.id):
-                return self._close(entry, now_ms)
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         if wanted.mode is SelectMode.RELEASE:
             return self._release(entry, wanted, now_ms)

@@ -147,7 +147,8 @@ class CommandDesk:
         deadline_ms = command.deadline_ms
         if command.executor_session != self._session:
             deadline_ms = None
-        known_until_ms = min(signed_until_ms or deadline_ms or now_ms, now_ms + MAX_TTL_MS)
+        until_ms, latest_ms = signed_until_ms or deadline_ms or now_ms, now_ms + MAX_TTL_MS
+        known_until_ms = min(until_ms, latest_ms)
         share = Share.of(command.command, self.executor.lease.holder_session == command.gs_session)
         station = signed.signer if signed is not None else command.gs_session
         if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
@@ -159,7 +160,7 @@ class CommandDesk:
             is_answered = self.may_publish and entry.record.newest is not None
             is_due = is_answered and self._repetitions.may_answer(entry.id, now_ms)
             return self._answer(entry.record) if is_due else []
-        if verdict is Admission.IGNORED:
+        if verdict is Admission.IGNORED or (verdict is Admission.FULL and until_ms > latest_ms):
             return [Log("outsiders", f"{command.command.name} of {command.id}: no room for it")]
         if verdict in (Admission.CONFLICT, Admission.FULL):
             if not self._repetitions.may_answer(command.id, now_ms):
@@ -216,8 +217,10 @@ class CommandDesk:
             return Said(command.id, Word.DENIED, NO_DEADLINE)
         if deadline_ms > now_ms + MAX_TTL_MS:
             return Said(command.id, Word.DENIED, "deadline_too_far")
+        if self.ledger.may_have_forgotten(command.id):
+            return Said(command.id, Word.UNCONFIRMED)
         if now_ms > deadline_ms:
-            return Said(command.id, Word.UNCONFIRMED if self.ledger.may_have_forgotten(command.id) else Word.EXPIRED)
+            return Said(command.id, Word.EXPIRED)
         if command.epoch < self.epoch or not self._is_in_control(command.gs_session, now_ms):
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
         if self.order.is_overtaken(command):

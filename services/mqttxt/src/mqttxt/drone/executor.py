@@ -91,6 +91,8 @@ class Executor:
             return [*out, Said(command_id, Word.DENIED, str(error))]
         run = Run(command_id, command, planned, deadline_ms, limit_ms)
         run.begun_number, run.begun_modes = self.vehicle.number, modes_shown(self.vehicle)
+        for earlier in self._runs:
+            earlier.newer_modes = planned.modes or earlier.newer_modes
         self._runs.add(run)
         for older in self._runs.older(run):
             older.is_outdated = True

@@ -38,7 +38,12 @@ class Preparer:
         return prepared.is_entered or told != prepared.before
 
     def prepare(self, run: Run, mode: FlightModeName, now_ms: int) -> list[Output]:
-        """Command the mode every `AGAIN_MS` until it is accepted; then wait for a heartbeat that shows it."""
+        """Command the mode every `AGAIN_MS` until it is accepted; then wait for a heartbeat that shows it.
+
+        A newer command of another mode ends the run: its mode is not undone.
+        """
+        if run.newer_modes is not None and mode not in run.newer_modes:
+            return [self.runs.end(run, Word.DENIED, "mode_changed")]
         prepared = run.preparation
         if prepared is None:
             run.phase = Phase.PREPARING

@@ -93,7 +93,7 @@ class Run:
     mode, None until then. `is_outdated`: it is not sent again, because a newer command of its group was started,
     somebody changed the mode, or the process stood still. `has_shown`: a heartbeat has shown an unacknowledged arm's
     effect. `has_set_item`: the mission's current item was set. `earlier_sends`: how often it was written in an earlier
-    form, which is unanswered.
+    form, which is unanswered. `newer_modes`: the modes of the newest command that was begun after it and has any.
     """
 
     id: CommandId
@@ -130,6 +130,7 @@ class Run:
     has_set_item: bool = False
     has_shown: bool = False
     earlier_sends: int = 0
+    newer_modes: frozenset[FlightModeName] | None = None
     source: Source = Source.COMPANION
 
     @property

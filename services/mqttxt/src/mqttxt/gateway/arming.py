@@ -17,7 +17,7 @@ from .answers import ACCEPTED
 from .client_commands import ClientCommand
 from .clients import Client
 from .control import ClientControl
-from .order import Order, given_up
+from .order import Order
 from .telemetry import View
 from .texts import send_text
 from .translation import NOT_NOW, Declined
@@ -120,7 +120,7 @@ class ArmingOrder:
         await arming.is_over.wait()
         await self._control.heard(entry.client)
         if self._order.is_outdone(entry):
-            raise given_up(entry)
+            raise self._order.given_up(entry)
         return True
 
     async def behind_ground_hold(self, entry: ClientCommand, drone: Drone) -> None:
@@ -137,7 +137,7 @@ class ArmingOrder:
             raise Declined("not armed: the drone did not hold first", NOT_NOW)
         await self._control.heard(entry.client)
         if self._order.is_outdone(entry) or not entry.waits:
-            raise given_up(entry)
+            raise self._order.given_up(entry)
 
     @contextlib.contextmanager
     def arming(self, client: Client, drone: int) -> Iterator[Arming]:

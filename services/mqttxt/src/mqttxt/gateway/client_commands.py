@@ -35,7 +35,8 @@ MAVSDK's `arm()` enters HOLD first where the drone was in a mission or returned.
 2 s it reports two results, the hold's and the arm's, and writes the second to a call that has returned.
 """
 REPEAT_MS, NUMBERED_REPEAT_MS = 1000, 10_000
-"""How long after its end a command counts as repeated; the latter where `confirmation` marks a repetition."""
+"""How long after its end a command counts as repeated; the latter where `confirmation` marks a repetition, and then
+also after its newest repetition."""
 
 RESULTS: Final[dict[Word, int | None]] = {
     Word.COMPLETED: ACCEPTED,
@@ -67,6 +68,7 @@ class ClientCommand:
     `place`: its number among all commands, in the order in which clients sent them. `confirmation`: that of the first
     message. `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a definite no. `is_kept`: it waits until the
     drone has its client's plan. `ground_hold`: for a HOLD before arming, the future of whether the drone accepts it.
+    `repeated_ms`: when its newest repetition came.
     """
 
     client: Client
@@ -85,9 +87,11 @@ class ClientCommand:
     is_declined: bool = False
     ground_hold: asyncio.Future[bool] | None = None
     ended_ms: int = 0
+    repeated_ms: int = 0
 
-    def repeat(self) -> None:
+    def repeat(self, now_ms: int) -> None:
         """Repeat its acknowledgement."""
+        self.repeated_ms = now_ms
         if self.waits:
             self.progress()
         elif self.result is not None:
@@ -103,10 +107,13 @@ class ClientCommand:
 
         A client that numbers its repetitions changes `confirmation`. Another one may always send the same number.
         """
-        since_ms = now_ms - self.ended_ms
         if confirmation and confirmation != self.confirmation:
-            return self.waits or since_ms <= NUMBERED_REPEAT_MS
-        return self.waits or (is_newest and not self.is_declined and since_ms <= REPEAT_MS)
+            return not self.is_past(now_ms)
+        return self.waits or (is_newest and not self.is_declined and now_ms - self.ended_ms <= REPEAT_MS)
+
+    def is_past(self, now_ms: int) -> bool:
+        """Whether no repetition of it comes any more."""
+        return not self.waits and now_ms - max(self.ended_ms, self.repeated_ms) > NUMBERED_REPEAT_MS
 
     def hear(self, command: Command, outcome: Outcome, now_ms: int) -> None:
         """Take a word of the drone about it."""

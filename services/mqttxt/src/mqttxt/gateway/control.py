@@ -82,8 +82,7 @@ class ClientControl:
 
         Raises Declined, and what `Drone.claim` and `Drone.take_over` raise.
         """
-        self._clients.controllers[drone.number] = client
-        self._read[drone.number].clear()
+        self._hand(client, drone)
         if drone.is_controlled:
             return
         drone.claim()
@@ -93,15 +92,11 @@ class ClientControl:
         await self._granted(drone, left_s)
 
     async def take_over(self, client: Client, drone: Drone, left_s: float) -> None:
-        """Take control for a client from any holder; another client of this gateway gets a text. Errors as `take`."""
-        other = self._other(client, drone)
+        """Take control for a client from any holder. Errors as `take`."""
         if not drone.is_controlled:
             drone.claim()
             await drone.take_over(left_s)
-        self._clients.controllers[drone.number] = client
-        self._read[drone.number].clear()
-        if other is not None:
-            send_text(other.peer, drone.number, Severity.WARNING, f"control was taken by {client}")
+        self._hand(client, drone)
 
     def give_up(self, client: Client, drone: Drone) -> None:
         """A client gives up control."""
@@ -137,6 +132,14 @@ class ClientControl:
             holder = drone.holder
             self._give_up(drone)
             raise Declined(f"controlled by the station {holder}")
+
+    def _hand(self, client: Client, drone: Drone) -> None:
+        """Give a client control here; another one that had it gets a text."""
+        other = self._other(client, drone)
+        self._clients.controllers[drone.number] = client
+        self._read[drone.number].clear()
+        if other is not None:
+            send_text(other.peer, drone.number, Severity.WARNING, f"control was taken by {client}")
 
     def _is_others(self, drone: Drone) -> bool:
         return drone.holder not in (None, self._station.name)

@@ -29,7 +29,7 @@ from .client_commands import (
 )
 from .clients import Client
 from .control import ClientControl
-from .order import BY_THE_PLAN, Order, given_up
+from .order import BY_THE_PLAN, Order
 from .requests import Requests
 from .telemetry import View
 from .texts import send_text
@@ -83,7 +83,7 @@ class Desk:
         view = self._view(drone)
         repeated = self._requests.repeated(client, drone.number, request, confirmation, view.now_ms)
         if repeated is not None:
-            repeated.repeat()
+            repeated.repeat(view.now_ms)
             return
         if not self._requests.has_room(client):
             acknowledge(client, drone.number, request, NOT_NOW)
@@ -109,6 +109,10 @@ class Desk:
         """Another station controls a drone now: revoke what still waits, so that it does not take the drone back."""
         self._order.on_taken(drone)
         self._arming.on_taken(drone)
+
+    def on_stall(self) -> None:
+        """The gateway stood still: revoke what waits for a plan, an arm or a hold, which has no time of its own."""
+        self._order.on_stall()
 
     def tick(self, now_ms: int) -> None:
         """Send IN_PROGRESS for waiting commands; end unanswered ones, modes that waited too long, and kept takeoffs."""
@@ -188,7 +192,7 @@ class Desk:
                 raise Declined("takeoff given up: the drone is not armed")
             await self._control.heard(entry.client)
             if self._order.is_outdone(entry):
-                raise Declined("takeoff given up: another command came")
+                raise self._order.given_up(entry, "takeoff")
             if not self._control.has(entry.client, drone):
                 raise Declined("takeoff given up: its client has lost control")
             behind.asked_ms = self._now_ms()
@@ -231,8 +235,8 @@ class Desk:
             await self._uploads.settled(drone.number)
             entry.is_kept, entry.asked_ms = False, self._now_ms()
             self._order.check(entry)
-            if not entry.waits:
-                raise given_up(entry)
+            if not entry.waits or self._order.is_stale(entry):
+                raise self._order.given_up(entry)
             await self._control.heard(entry.client)
         self._uploads.check(entry.client, drone.number)
 

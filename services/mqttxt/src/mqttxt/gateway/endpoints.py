@@ -11,7 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..core.address import is_host, whole_number
+from ..core.address import address_of, host_port
 from ..drone.mavlink.frame_parser import MAGIC, Malformed, StreamFrames, in_datagram
 from ..drone.mavlink.plans import AUTOPILOT_COMPONENT
 from ..errors import ConfigurationError
@@ -21,12 +21,13 @@ logger = logging.getLogger("mqttxt.gateway")
 MOST_CONNECTIONS = 32
 MOST_UNSENT = 256 * 1024
 """The unsent bytes above which the connection of a client that does not read is closed."""
-_READ_BYTES = 65_536
+_READ_BYTES = 4096
+"""How much of one connection is handled at a time, so that a client that floods keeps nobody waiting."""
 
 
 @dataclass(frozen=True)
 class ClientAddress:
-    """`udp:HOST:PORT`, on which a client listens, or `tcp:HOST:PORT`, on which the gateway does."""
+    """`udp:HOST:PORT`, on which a client listens, or `tcp:HOST:PORT`, on which the gateway does; `[::1]` for IPv6."""
 
     kind: str
     host: str
@@ -36,10 +37,13 @@ class ClientAddress:
     def parse(cls, text: str, kind: str, option: str, insecure: bool) -> ClientAddress:
         """Raises ConfigurationError if it is no address of this kind, or another machine's without `insecure`."""
         found, _, rest = text.partition(":")
-        host, _, number = rest.rpartition(":")
-        port = whole_number(number, 65_535)
-        if found != kind or not is_host(host) or port is None:
-            raise ConfigurationError(f"{option} {text!r}: expected {kind}:HOST:PORT")
+        wrong = ConfigurationError(f"{option} {text!r}: expected {kind}:HOST:PORT")
+        if found != kind:
+            raise wrong
+        try:
+            host, port = address_of(rest, option)
+        except ConfigurationError:
+            raise wrong from None
         if not insecure and not _is_loopback(host):
             raise ConfigurationError(
                 f"{option} {text!r}: expected this machine, as {kind}:127.0.0.1:{port}, or --insecure-mavlink: nothing "
@@ -48,7 +52,7 @@ class ClientAddress:
         return cls(kind, host, port)
 
     def __str__(self) -> str:
-        return f"{self.kind}:{self.host}:{self.port}"
+        return f"{self.kind}:{host_port(self.host, self.port)}"
 
 
 def _is_loopback(host: str) -> bool:
@@ -133,8 +137,7 @@ class Endpoints:
         task = asyncio.current_task()
         assert task is not None
         self._serving.add(task)
-        host, port = writer.get_extra_info("peername")[:2]
-        peer = Peer(f"tcp:{host}:{port}", lambda packet: _write(writer, packet))
+        peer = Peer(f"tcp:{host_port(*writer.get_extra_info('peername')[:2])}", lambda packet: _write(writer, packet))
         try:
             if len(self._serving) > MOST_CONNECTIONS:
                 logger.warning("%s: refused; %d clients are connected", peer.name, MOST_CONNECTIONS)
@@ -150,6 +153,7 @@ class Endpoints:
                 for found in frames.feed(data, clock.time()):
                     if not isinstance(found, Malformed):
                         self._on_message(peer, found)
+                await asyncio.sleep(0)  # `read` returns at once while there is more
         except (ConnectionError, asyncio.CancelledError):
             pass  # the client has gone, or the gateway stops
         finally:

@@ -6,7 +6,7 @@ import asyncio
 
 from ..protocol.commands import Arm, Command, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
 from .client_commands import CANCELLED, ClientCommand
-from .translation import Declined, name_of
+from .translation import NOT_NOW, Declined, name_of
 
 BY_THE_PLAN = (Arm, StartMission, Resume, SetCurrentItem)
 """Commands that rely on the plan that their client has uploaded."""
@@ -23,6 +23,8 @@ class Order:
         """Per drone the place of the newest command of a client that may command it."""
         self._earliest: dict[int, int] = {}
         """Per drone the first place that may still be sent: older commands come too late."""
+        self._after_stall = 0
+        """The first place behind the gateway's newest stall."""
         self._turns: dict[int, asyncio.Lock] = {}
 
     def next_place(self) -> int:
@@ -36,6 +38,10 @@ class Order:
     def on_taken(self, drone: int) -> None:
         """Another station controls a drone now: nothing that was asked before is sent."""
         self._newest[drone] = self._earliest[drone] = self._places + 1
+
+    def on_stall(self) -> None:
+        """The gateway stood still: what waits here without counting that as the command's time is not sent."""
+        self._after_stall = self._places + 1
 
     def on_permitted(self, entry: ClientCommand, command: Command) -> None:
         """The client of a command may command its drone."""
@@ -51,16 +57,22 @@ class Order:
         """Nothing older than a command is sent any more."""
         self._earliest[entry.drone] = entry.place
 
+    def is_stale(self, entry: ClientCommand) -> bool:
+        """Whether the gateway stood still since a command came."""
+        return entry.place < self._after_stall
+
     def is_outdone(self, entry: ClientCommand) -> bool:
-        """Whether a newer command came for its drone, or another station took the drone."""
-        return entry.place < self._newest.get(entry.drone, 0)
+        """Whether a newer command came for its drone, another station took the drone, or the gateway stood still."""
+        return self.is_stale(entry) or entry.place < self._newest.get(entry.drone, 0)
 
     def check(self, entry: ClientCommand) -> None:
         """Raises Declined for a command that waited while a newer one was sent, or while the drone was taken."""
         if entry.place < self._earliest.get(entry.drone, 0):
-            raise given_up(entry)
+            raise self.given_up(entry)
 
-
-def given_up(entry: ClientCommand) -> Declined:
-    """The error of a command that is not sent because another one came."""
-    return Declined(f"{name_of(entry.request.mav_cmd)} given up: another command came", CANCELLED)
+    def given_up(self, entry: ClientCommand, what: str | None = None) -> Declined:
+        """The error of a command that is not sent any more, or of `what`, which was to follow it."""
+        what = what or name_of(entry.request.mav_cmd)
+        if self.is_stale(entry):
+            return Declined(f"{what} given up: the gateway stood still", NOT_NOW)
+        return Declined(f"{what} given up: another command came", CANCELLED)

@@ -121,7 +121,10 @@ class Gateway:
                 )
                 self._desk = Desk(self._control, uploads, self._view, self._now_ms, group, self._ttl_s)
                 ticking = group.create_task(self._tick())
-                await self._listen()
+                try:
+                    await self._listen()
+                finally:
+                    self._desk = None  # from now on clients' messages are not handled
                 ticking.cancel()
                 uploads.close()
         except* MqttxtError as errors:
@@ -219,6 +222,8 @@ class Gateway:
         if pause_ms > STALL_MS:
             logger.warning("stood still for %.1f s: what clients sent meanwhile is not executed", pause_ms / 1000)
             self._stalled_ms = now_ms
+            if self._desk is not None:
+                self._desk.on_stall()
         is_draining = self._late > MOST_PER_TICK and now_ms < self._stalled_ms + LONGEST_DRAINING_MS
         if pause_ms > STALL_MS or is_draining:
             self._late_until_ms = now_ms + DRAINING_MS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 
-from .client_commands import NUMBERED_REPEAT_MS, ClientCommand
+from .client_commands import ClientCommand
 from .clients import Client
 from .endpoints import Peer
 from .translation import Request
@@ -29,12 +29,26 @@ class Requests:
         self, client: Client, drone: int, request: Request, confirmation: int, now_ms: int
     ) -> ClientCommand | None:
         """The command of which a request is a repetition, None for a new one."""
+        if confirmation:
+            self._bring(client, drone, request)
         own = self._entries.get((client, drone), {})
         known = own.get(request)
         if known is None:
             return None
         newest = next(one for one in reversed(own.values()) if one is known or not one.is_declined)
         return known if known.is_repeated(confirmation, newest is known, now_ms) else None
+
+    def _bring(self, client: Client, drone: int, request: Request) -> None:
+        """Give a client the command that it asked for over a connection that is gone, and repeats over this one."""
+        if request in self._entries.get((client, drone), {}):
+            return
+        for (other, number), entries in self._entries.items():
+            is_it = (other.system, other.component) == (client.system, client.component) and not self._knows(other)
+            if number == drone and is_it and request in entries:
+                entry = entries.pop(request)
+                entry.client = client
+                self._entries.setdefault((client, drone), {})[request] = entry
+                return
 
     def has_room(self, client: Client) -> bool:
         """Whether one more command of a client is remembered."""
@@ -58,7 +72,7 @@ class Requests:
         """Forget the commands of which no repetition comes any more."""
         for key, own in list(self._entries.items()):
             for entry in list(own.values()):
-                if not entry.waits and now_ms - entry.ended_ms > NUMBERED_REPEAT_MS:
+                if entry.is_past(now_ms):
                     del own[entry.request]
             if not own:
                 del self._entries[key]

@@ -120,6 +120,8 @@ class Uploads:
         try:
             upload.before = home_items(kind, self._view(drone))
             self._control.check(client, drone)
+            if known is not None and known.client != client and not self._control.knows(client):
+                raise Declined(f"{kind.label} upload: {known.client} is uploading, and {client} sends no HEARTBEAT")
             check_count(count - upload.before, kind)
         except (Declined, WrongItem) as error:
             upload.acknowledge(_result_of(error))

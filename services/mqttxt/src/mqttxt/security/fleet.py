@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import threading
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from . import files
 from .certificate import UNREADABLE, Certificate
 from .revocation import RevocationList
 
+logger = logging.getLogger("mqttxt.identity")
+
 FLEET_FILE = "fleet.pem"
 REVOKED_FILE = "revoked.pem"
 NEWEST_FILE = "newest.pem"
@@ -27,7 +30,7 @@ _MOST_KNOWN = 4096
 class Fleet:
     """Verifies certificates. `name` is the fleet's, `key_hash` the SHA-256 of the authority's key.
 
-    `load` reads the files of a folder; raises ConfigurationError if one is wrong.
+    `load` reads the files of a folder; raises ConfigurationError if one is wrong, but for NEWEST_FILE.
     """
 
     def __init__(self, authority: x509.Certificate, revoked: RevocationList, folder: Path | None = None) -> None:
@@ -50,7 +53,10 @@ class Fleet:
         assert isinstance(key, Ed25519PublicKey)
         lists = [RevocationList.of(files.read(folder / REVOKED_FILE), key, str(folder / REVOKED_FILE))]
         if (folder / NEWEST_FILE).exists():
-            lists.append(RevocationList.of(files.read(folder / NEWEST_FILE), key, str(folder / NEWEST_FILE)))
+            try:
+                lists.append(RevocationList.of(files.read(folder / NEWEST_FILE), key, str(folder / NEWEST_FILE)))
+            except ConfigurationError as error:  # as after a power loss
+                logger.error("%s; %s counts, until a newer list comes", error, REVOKED_FILE)
         return cls(authority, max(lists, key=lambda each: each.number), folder)
 
     @property
@@ -101,15 +107,14 @@ class Fleet:
             own = self.revoked  # `take` may replace it meanwhile
             pem = own.pem()
             for path in (self._folder / NEWEST_FILE, self._folder / REVOKED_FILE):
-                if not path.exists() or self._is_to_replace(files.read(path), own, pem):
+                if not path.exists() or self._is_to_replace(path, own, pem):
                     files.write(path, pem)
 
-    def _is_to_replace(self, found: bytes, own: RevocationList, pem: bytes) -> bool:
-        """Whether a file's content is another list than `own`, whose PEM is `pem`, and no newer one of the fleet."""
-        if found == pem:
-            return False
+    def _is_to_replace(self, path: Path, own: RevocationList, pem: bytes) -> bool:
+        """Whether a file has another list than `own`, whose PEM is `pem`, and no newer one of the fleet."""
         try:
-            return self.read(found).number <= own.number
+            found = files.read(path)
+            return found != pem and self.read(found).number <= own.number
         except ConfigurationError:
             return True
 
