@@ -161,7 +161,7 @@ def test_the_programs_of_the_api_page_fly(system: System, tmp_path: Path) -> Non
     said = []
     for number, program in enumerate(programs):
         path = tmp_path / f"program{number}.py"
-        path.write_text(program.replace("mqtt://127.0.0.1:1883", system.cloud.url))
+        path.write_text(program.replace("mqtt://127.0.0.1:1894", system.cloud.url))
         done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=100, check=False)
         assert done.returncode == 0, done.stderr
         said.append(done.stdout)

@@ -139,15 +139,14 @@ def _commands(found: Findings) -> list[str]:
 
 
 def _missions(found: Findings) -> list[str]:
-    """Mission times: each scenario on `thesis`, how many MAVLink completed; other links; all drones at once."""
-    figures = []
+    """Mission times: on `thesis`, each scenario's change, how many MAVLink completed; on `lte`; all drones at once."""
+    figures = ["scenario 1", *found.both(PX4, "thesis", "mission")]
     for number in _timed(found):
-        figures += [f"scenario {number}", *found.both(PX4, "thesis", "mission", f"scenario-{number}")]
+        figures += [f"scenario {number}"] if number > 1 else []
         figures.append(found.one(PX4, "thesis", "change", f"scenario-{number}"))
     figures += [f"{_completed(found, PX4, f'scenario-{number}')} of 3" for number in _timed(found)]
-    for arm, profile in ((PX4, "lte"), (PX4, "lossy"), (PX4, "ideal"), (FIVE, "thesis"), (FIVE, "lte")):
-        figures += [*found.both(arm, profile, "mission"), f"`{profile}`"]
-    return figures
+    figures += ["`lte`", *found.both(PX4, "lte", "mission")]
+    return [*figures, *found.both(FIVE, "thesis", "mission"), "`thesis`"]
 
 
 def _losses(found: Findings) -> list[str]:
@@ -205,7 +204,7 @@ def _delays(found: Findings) -> list[str]:
 
 
 def _real_px4s(found: Findings) -> Iterator[list[str]]:
-    """Real PX4s beside the stand-ins: attempts; bytes over MQTT-XT's; bytes per second; mission times."""
+    """Real PX4s beside the stand-ins: attempts; bytes over MQTT-XT's; bytes per second; missions."""
     real = {arm: f"{arm}+autopilot-px4" for arm in (BUNDLED, FIVE)}
     flown = [one for arm in real.values() for side in SIDES for one in found.attempts(side, arm, "ideal")]
     assert {one["status"] for one in flown} == {"completed"}
@@ -216,12 +215,11 @@ def _real_px4s(found: Findings) -> Iterator[list[str]]:
     yield [found.one(name, "ideal", "rates") for arm in real for name in (real[arm], arm)]
     ours, theirs = zip(*(found.both(name, "ideal", "rate") for name in (real[BUNDLED], BUNDLED)), strict=True)
     yield [*ours, *theirs]
-    times = [" and ".join(found.both(name, "ideal", "mission")) for arm in real for name in (real[arm], arm)]
     second = [found.both(name, "ideal", "mission", "scenario-2")[0] for name in (real[BUNDLED], BUNDLED)]
     apart = [
         abs(_mission_s(found, side, real[arm]) / _mission_s(found, side, arm) - 1) for side in SIDES for arm in real
     ]
-    yield [*times, *second, words.share(max(apart))]
+    yield [*second, words.share(max(apart))]
 
 
 def _mission_s(found: Findings, side: str, arm: str) -> float:

@@ -132,7 +132,11 @@ ADVICE = "not encrypted; expected mqtts:// with --identity, or --insecure"
         ("gs page --fog 1 --listen 127.0.0.1:80000", "expected HOST:PORT, with a port from 1 to 65535"),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --listen 127.0.0.1:1 --drones a",
-            "--drones 'a': expected numbers",
+            "--drones: 'a': expected numbers",
+        ),
+        (
+            "activator --fog 1 --cloud mqtt://127.0.0.1 --listen 127.0.0.1:1 --drones 3-1",
+            "--drones: '3-1': 3-1 is reversed; expected 1-3",
         ),
         (
             "activator --fog 1 --cloud mqtt://[::1] --fog-broker mqtt://[::1] --fog-root ''",

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mqttxt.cli.activator import _drone_numbers
+from mqttxt.cli.common import numbers_of
 from mqttxt.cli.parameters import parse_command
 from mqttxt.core.address import BrokerAddress, address_of
 from mqttxt.core.effects import Publish, Subscribe
@@ -32,13 +32,17 @@ def _address_to_listen_at(text: str) -> tuple[str, int]:
     return address_of(text, option="--listen")
 
 
+def _fleet_numbers(text: str) -> frozenset[int]:
+    return numbers_of(text, 250, "--drones")
+
+
 PARSERS: list[Callable[[str], Any]] = [
     BrokerAddress.parse,
     AutopilotAddress.parse,
     check_prefix,
     check_station_name,
     _address_to_listen_at,
-    _drone_numbers,
+    _fleet_numbers,
 ]
 PIECES = st.sampled_from(
     [

@@ -8,21 +8,24 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from mqttxt import FlightLog, LogProgress
+from mqttxt import FlightLog, LogProgress, TransferFailed
 from mqttxt.cli import station
 from mqttxt.cli.common import run_coroutine
 from mqttxt.cli.main import app
 
 
 class Drone:
-    """Two logs; `asked` is how a log was asked for."""
+    """Two logs; `asked` is how a log was asked for, `refused` why the drone does not give its list."""
 
     number = 3
 
     def __init__(self) -> None:
         self.asked: list[int] = []
+        self.refused: TransferFailed | None = None
 
     async def logs(self) -> tuple[FlightLog, ...]:
+        if self.refused is not None:
+            raise self.refused
         return (FlightLog(1, 500, None), FlightLog(12, 2**32 - 1, 1_767_225_600))
 
     async def download_log(
@@ -67,6 +70,16 @@ def test_what_cannot_be_is_one_line_and_nothing_is_asked(drone: Drone, tmp_path:
         result = typed("get", *words)
         assert (result.exit_code, result.stdout, result.stderr) == (2, "", f"mqttxt: {line}\n")
     assert drone.asked == []
+
+
+def test_an_armed_drone_is_said_to_have_to_be_disarmed(drone: Drone, tmp_path: Path) -> None:
+    drone.refused = TransferFailed("drone 3: logs: armed", "armed")
+    for words in (["list"], ["get", "1", str(tmp_path / "a")]):
+        result = typed(*words)
+        assert (result.exit_code, result.stderr) == (
+            1,
+            "mqttxt: drone 3: logs: armed; expected a disarmed drone\n",
+        )
 
 
 def test_a_folder_of_no_bytes_is_refused() -> None:

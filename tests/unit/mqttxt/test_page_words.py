@@ -97,6 +97,7 @@ def test_every_result_of_an_autopilot_is_explained(result: int) -> None:
         (outcome(Word.FAILED, reason="autopilot: Arming denied\x1b"), "refused and gave"),
         (outcome(Word.FAILED, reason="low battery\x1b[2J"), "Reason: low battery\\x1b[2J"),
         (outcome(Word.COMPLETED, observed=False), "nothing shows the effect"),
+        (outcome(Word.DENIED, reason="unknown_state"), "A MAVLink message is named mavlink/NAME."),
         (outcome(Word.UNCONFIRMED), "Nobody knows: it may have happened, and may still happen."),
         (outcome(Word.COMPLETED, settled=True), "The truth, known afterwards. Done"),
     ],

@@ -68,6 +68,7 @@ def test_no_command_is_left_out() -> None:
         ("stream battery 51", "stream rate_hz '51': expected a number from 0 to 50"),
         ("mavlink", "mavlink: expected MAV_CMD and up to seven parameters, got nothing"),
         ("mavlink 1.5", "mavlink mav_cmd '1.5': expected a whole number from 0 to 65535"),
+        ("mavlink FOO", "mavlink mav_cmd 'FOO': expected a MAV_CMD's name or number"),
         ("mavlink 1 inf", "mavlink param1 'inf': expected a number from -3.40282e+38 to 3.40282e+38"),
     ],
 )

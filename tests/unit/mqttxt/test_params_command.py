@@ -114,6 +114,12 @@ def test_a_file_that_was_saved_differs_where_something_was_set(drone: Drone, tmp
     assert typed("diff", file).exit_code == 0
 
 
+def test_a_negative_number_is_set_as_any_other(drone: Drone) -> None:
+    assert (typed("set", "A_WHOLE", "-7").exit_code, drone.set.parameters["A_WHOLE"].value) == (0, -7)
+    wrong = typed("set", "A_WHOLE", "7", "--dron", "4")
+    assert (wrong.exit_code, "--dron" in wrong.stderr, wrong.stderr.count("\n")) == (2, True, 1)
+
+
 def test_one_that_is_not_set_is_told_and_the_others_are_set(drone: Drone, tmp_path: Path) -> None:
     file = tmp_path / "drone3.params"
     file.write_text("1\t1\tA_FLOAT\t2\t9\n1\t1\tA_WHOLE\t2\t6\n")

@@ -242,7 +242,7 @@ def test_whatever_is_in_the_place_of_a_value_is_read_or_named(value: Any, data: 
 @pytest.mark.parametrize(
     ("content", "line"),
     [
-        (b"", "Expecting value"),
+        (b"", "Expecting value: line 1 column 1 (char 0); expected a plan in JSON"),
         (b"[]", "plan: expected an object, got []"),
         (b"\xff\xfe", "expected a plan in JSON, got bytes that are no UTF-8"),
         (b'{"version": NaN}', "expected a number, got NaN"),

@@ -93,7 +93,7 @@ def test_a_drone_of_another_station_is_an_error_at_once(typed: list[str], at: Ca
     mine = record("gs-own", OWN)
     there = at(record("gs-x", OTHER), mine)
     done = CliRunner().invoke(app, ["gs", *typed, "--drone", "1"])
-    said = "drone 1: expected this station in control, not gs-x; expected --take-over"
+    said = "drone 1: expected this station in control, not gs-x; --take-over takes control from it"
     assert (done.exit_code, done.stderr) == (2, f"mqttxt: {said}\n")
     assert there.records == [mine]  # it did not wait for that
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..core.address import BrokerAddress, address_of, whole_number
+from ..core.address import BrokerAddress, address_of
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_root
 from .common import (
@@ -19,6 +19,7 @@ from .common import (
     SignedStates,
     audit_log,
     check_system,
+    numbers_of,
     run_role,
     set_up_logging,
     settings,
@@ -50,7 +51,9 @@ def activator(
         typer.Option(help="HOST:PORT where UAV clients come by MQTT-SN over UDP (mqtt-sn://); without: none."),
     ] = None,
     fog_root: Annotated[str | None, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = None,
-    drones: Annotated[str, typer.Option(help="Numbers of the fog's drones, as 1,2,3: they are in every roster.")] = "",
+    drones: Annotated[
+        str, typer.Option(help="Numbers of the fog's drones, as 1-3,7: a broadcast awaits them, there or not.")
+    ] = "",
     identity: IdentityFolder = None,
     broker_identity: BrokerIdentity = None,
     signed: Signed = False,
@@ -92,7 +95,7 @@ def activator(
             cloud_broker,
             first,
             settings(qos, json),
-            drones=_drone_numbers(drones),
+            drones=tuple(sorted(numbers_of(drones, MAX_DRONE, "--drones"))) if drones else (),
             embedded=embedded,
             second=second_address(second_fog_broker, "--second-fog-broker", transport, first, cloud_broker),
             advertised=BrokerAddress.parse(advertised) if advertised is not None else None,
@@ -115,12 +118,3 @@ def _air(where: str | None, transport: Transport, signed: bool) -> tuple[str, in
     host, port = address_of(where, "--air-sn")
     transport.check(BrokerAddress(host, port, datagrams=True), "--air-sn", signed)
     return host, port
-
-
-def _drone_numbers(text: str) -> tuple[int, ...]:
-    numbers = {whole_number(part.strip(), MAX_DRONE) for part in text.split(",") if part.strip()}
-    if None in numbers:
-        raise ConfigurationError(
-            f"--drones {text!r}: expected numbers from 1 to {MAX_DRONE} separated by commas, as 1,2,3"
-        )
-    return tuple(sorted(number for number in numbers if number is not None))

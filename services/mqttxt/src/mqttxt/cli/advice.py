@@ -88,7 +88,7 @@ def take_over_advised() -> Iterator[None]:
     try:
         yield
     except NotInControl as error:
-        advice = "; expected --take-over" if error.holder is not None else ""
+        advice = "; --take-over takes control from it" if error.holder is not None else ""
         raise ConfigurationError(f"{error}{advice}") from None
 
 

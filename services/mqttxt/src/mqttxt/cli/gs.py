@@ -15,7 +15,7 @@ from ..protocol.names import check_prefix, check_root
 from ..protocol.topics import SELECTABLE
 from .advice import GroundStationCommands, connect, follow, not_there
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
-from .station import IDENTITY, Cloud, FogNumbers, Prefix, StationOptions, Timeout, of_a_station
+from .station import IDENTITY, Cloud, FogNumbers, Prefix, StationOptions, of_a_station
 
 if TYPE_CHECKING:
     from ..station.heard import SentCommand
@@ -72,7 +72,7 @@ def share_list(
     cloud: Cloud,
     identity: Annotated[Path, IDENTITY],
     prefix: Prefix = "",
-    timeout: Timeout = CONNECT_S,
+    timeout: Annotated[float, typer.Option(help="Seconds to wait for the broker's answer.")] = CONNECT_S,
 ) -> None:
     """Publish the identity's revocation list at the cloud broker, from where all nodes have it."""
     set_up_logging(verbose=False)

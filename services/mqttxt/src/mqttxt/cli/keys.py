@@ -94,7 +94,7 @@ def init(
 
 @keys_app.command()
 def issue(
-    kind: Annotated[Node, typer.Argument(help="What it is for.")],
+    kind: Annotated[Node, typer.Argument(help="The kind of node: drone, fog, broker, station or sensor.")],
     name: Annotated[
         str, typer.Argument(help="Its number, or several as 1-3,7; a station's name; a broker: see below.")
     ],

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import ConfigurationError
+from ..errors import ConfigurationError, TransferFailed
 from .station import Job, with_a_drone
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ def list_() -> Job:
     """Print the logs that a drone's autopilot has now: number, bytes and time (UTC, by the autopilot's clock)."""
 
     async def job(there: Drone) -> int:
-        for log in await there.logs():
+        for log in await _logs_of(there):
             typer.echo(f"{log.number:>5} {log.size:>11} {_time_of(log)}")
         return 0
 
@@ -50,16 +52,33 @@ def get(
         raise ConfigurationError(f"{file}: expected a file in a folder that exists")
 
     async def job(there: Drone) -> int:
-        found = {log.number: log for log in await there.logs()}
+        found = {log.number: log for log in await _logs_of(there)}
         if number not in found:
             numbers = ", ".join(map(str, found)) or "none"
             raise ConfigurationError(f"log {number}: drone {there.number} has no such log; its logs: {numbers}")
         log = found[number]
-        await there.download_log(log, file, most_bytes_s=1024 * most_kib_s, progress=_Told())
+        with _disarmed_advised():
+            await there.download_log(log, file, most_bytes_s=1024 * most_kib_s, progress=_Told())
         typer.echo(f"{file}: {log.size} bytes")
         return 0
 
     return job
+
+
+async def _logs_of(there: Drone) -> tuple[FlightLog, ...]:
+    with _disarmed_advised():
+        return await there.logs()
+
+
+@contextlib.contextmanager
+def _disarmed_advised() -> Iterator[None]:
+    """Say in the error about an armed drone what it has to be."""
+    try:
+        yield
+    except TransferFailed as error:
+        if error.reason != "armed":
+            raise
+        raise TransferFailed(f"{error}; expected a disarmed drone", error.reason) from None
 
 
 class _Told:

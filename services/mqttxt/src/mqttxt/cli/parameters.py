@@ -65,8 +65,10 @@ def _mavlink(parameters: list[str]) -> Mavlink:
 
     numbers = {name: number for number, name in MAV_CMDS.items()}
     number = numbers.get("MAV_CMD_" + parameters[0].upper().removeprefix("MAV_CMD_"))
-    if number is None:
+    if number is None and not parameters[0].isidentifier():
         number = _value("mavlink", "mav_cmd", _MAV_CMD, parameters[0])
+    elif number is None:
+        raise ConfigurationError(f"mavlink mav_cmd {parameters[0]!r}: expected a MAV_CMD's name or number")
     wide = Scaled(1, -FLOAT32_MAX, FLOAT32_MAX)
     params = [
         None if text.lower() in _NOT_SET else _value("mavlink", f"param{index}", wide, text)

@@ -62,11 +62,11 @@ def get(names: Annotated[list[str], typer.Argument(help="Names of parameters.")]
     return job
 
 
-@params_app.command("set")
+@params_app.command("set", context_settings={"ignore_unknown_options": True})  # the number may be negative
 @with_a_drone
 def set_(
     name: Annotated[str, typer.Argument(help="The parameter's name.")],
-    value: Annotated[str, typer.Argument(help="The number to set it to; behind -- where it is negative.")],
+    value: Annotated[str, typer.Argument(help="The number to set it to.")],
 ) -> Job:
     """Set a parameter; exit code 0 only if the drone read it back as that value."""
     from .parameters import parse_command

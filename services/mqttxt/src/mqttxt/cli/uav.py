@@ -111,7 +111,7 @@ def uav(
     signed_states: SignedStates = False,
     signed_readings: SignedReadings = False,
     fog: Annotated[
-        int | None, typer.Option(help="With --signed: the fog's number; leases are taken of its activator alone.")
+        int | None, typer.Option(help="With --signed: the fog's number; only its activator's leases count.")
     ] = None,
     insecure: Insecure = False,
     mavlink_key: Annotated[

@@ -97,7 +97,7 @@ REASONS = {
     "unknown_mav_cmd": "MAVLink has no such MAV_CMD.",
     "unknown_message": "MAVLink has no such message.",
     "unknown_parameter": "The autopilot has no such parameter.",
-    "unknown_state": "There is no such state, or it has no rate.",
+    "unknown_state": "There is no such state, or it has no rate. A MAVLink message is named mavlink/NAME.",
     "use_typed_command": "There is a command for it: send that one instead.",
     "wrong_mode": "The autopilot did not take the flight mode that the command needs.",
     "wrong_value": "The parameter's type does not have this value.",

@@ -67,7 +67,7 @@ class Plan:
         except PayloadError as error:
             raise ConfigurationError(*(f"{name}: {line}" for line in error.lines)) from error
         except (ValueError, RecursionError) as error:
-            raise ConfigurationError(f"{name}: {error}") from error
+            raise ConfigurationError(f"{name}: {error}; expected a plan in JSON") from error
         return cls(content, home)
 
     def save(self, path: Path | str) -> None:
