@@ -75,8 +75,8 @@ def _fly(headline: Headline, root: Path, console: Console, again: str) -> None:
 
 
 def _judged(headline: Headline, root: Path) -> list[Flown]:
-    """Judge each cell by its newest measured series. Raises ResultsError if a cell has none."""
-    measured = {(one.experiment, one.arm, one.profile): one for one in find_cells([root]).cells}
+    """Judge each cell by its newest measured series, a whole one if any. Raises ResultsError if a cell has none."""
+    measured = {(one.experiment, one.arm, one.profile): one for one in find_cells([root], headline.attempts).cells}
     found = []
     for cell in headline.cells:
         name = cell.plan.experiment, cell.plan.label + suffix(os.environ), cell.plan.profile.name

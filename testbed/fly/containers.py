@@ -45,6 +45,15 @@ OURS: dict[str, str | list[str] | bool] = {"label": f"{PROJECT_LABEL}={PROJECT}"
 NODE_USER = "1000:1000"
 
 
+@contextlib.contextmanager
+def _answered() -> Iterator[None]:
+    """Raise DockerError if Docker does not answer."""
+    try:
+        yield
+    except (APIError, RequestException) as error:
+        raise DockerError(f"Docker does not answer: {error}") from error
+
+
 class Containers:
     """The containers of one compose profile, and of the profiles that its settings add, for one run."""
 
@@ -97,10 +106,11 @@ class Containers:
         """The number of containers that the profiles have."""
         return len({name for path in self._files for name in services_of(self._profiles, path)})
 
+    @_answered()
     def check_alive(self) -> None:
         """Raise ContainerDied if a container has ended."""
-        with _answered():  # one request; the client's own list makes one more per container, every second in flight
-            found = self._client.api.containers(all=True, filters=OURS)
+        # one request; the client's own list makes one more per container, every second in flight
+        found = self._client.api.containers(all=True, filters=OURS)
         for one in found:
             if one["State"] in ("exited", "dead"):
                 container = self._client.containers.get(one["Id"])
@@ -117,10 +127,11 @@ class Containers:
         """
         container = self._service(service)
         api = self._client.api
-        run_id = api.exec_create(container.id, command, user=NODE_USER)["Id"]
+        with _answered():
+            run_id = api.exec_create(container.id, command, user=NODE_USER)["Id"]
+            stream = api.exec_start(run_id, stream=True)
         lines: Queue[str | None] = Queue()
-        reader = threading.Thread(target=_read_lines, args=(api.exec_start(run_id, stream=True), lines), daemon=True)
-        reader.start()
+        threading.Thread(target=_read_lines, args=(stream, lines), daemon=True).start()
         looked_s = started_s = time.monotonic()
         while True:
             if time.monotonic() - started_s >= limit_s:
@@ -134,12 +145,14 @@ class Containers:
                 continue
             if line is None:
                 self.check_alive()
-                code = api.exec_inspect(run_id)["ExitCode"]
+                with _answered():
+                    code = api.exec_inspect(run_id)["ExitCode"]
                 if code is None:
                     raise DockerError(f"{service}: lost touch with {command[0]}, which still runs")
                 return int(code)
             yield line
 
+    @_answered()
     def output(self, service: str, command: list[str], user: str = NODE_USER) -> str:
         """Run a short command in a service and return what it prints."""
         result = self._service(service).exec_run(command, user=user)
@@ -149,12 +162,14 @@ class Containers:
         """The name of a service's container, as typed in docker commands."""
         return str(self._service(service).name)
 
+    @_answered()
     def save_logs(self, folder: Path) -> None:
         """Save every container's log in `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         for container in self._all():
             (folder / f"{container.labels[SERVICE_LABEL]}.log").write_bytes(container.logs(timestamps=True))
 
+    @_answered()
     def last_words(self, service: str) -> str | None:
         """The last line that a service logged before it ended; None if it still runs or logged nothing."""
         container = self._service(service)
@@ -163,6 +178,7 @@ class Containers:
         lines: list[str] = container.logs(tail=1).decode(errors="replace").split("\n")
         return lines[0].strip() or None
 
+    @_answered()
     def stop(self, service: str, timeout_s: int = 20) -> None:
         """Stop one service and wait until it has ended."""
         for container in self._all():
@@ -180,6 +196,7 @@ class Containers:
         """Image ids by name."""
         return {tag: container.image.id for container in self._all() for tag in container.image.tags}
 
+    @_answered()
     def usage(self) -> dict[str, Usage]:
         """The resources that each service has used so far."""
         running = [container for container in self._all() if container.status == "running"]
@@ -187,6 +204,7 @@ class Containers:
             used = list(pool.map(lambda container: usage_of(container.stats(stream=False, one_shot=True)), running))
         return {container.labels[SERVICE_LABEL]: each for container, each in zip(running, used, strict=True)}
 
+    @_answered()
     def versions(self) -> dict[str, str]:
         """The versions of Docker, compose and the kernel."""
         info = self._client.version()
@@ -194,9 +212,9 @@ class Containers:
         compose = subprocess.run(asked, capture_output=True, text=True, check=False)
         return {"docker": info["Version"], "compose": compose.stdout.strip(), "kernel": info["KernelVersion"]}
 
+    @_answered()
     def _all(self) -> list[Any]:
-        with _answered():
-            return list(self._client.containers.list(all=True, filters=OURS))
+        return list(self._client.containers.list(all=True, filters=OURS))
 
     def _service(self, service: str) -> Any:
         for container in self._all():
@@ -204,6 +222,7 @@ class Containers:
                 return container
         raise DockerError(f"no container of service {service} runs")
 
+    @_answered()
     def _unhealthy(self, healthy: set[str]) -> list[Any]:
         """The containers that are not healthy yet; adds the ids of those that have become so to `healthy`."""
         found = self._all()
@@ -239,15 +258,6 @@ class Containers:
                 )
             reasons = [line for line in said.splitlines() if "error" in line.lower()] or said.splitlines()
             raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
-
-
-@contextlib.contextmanager
-def _answered() -> Iterator[None]:
-    """Raise DockerError if Docker does not answer."""
-    try:
-        yield
-    except (APIError, RequestException) as error:
-        raise DockerError(f"Docker does not answer: {error}") from error
 
 
 def connect_docker(address: str | None = None) -> docker.DockerClient:

@@ -41,7 +41,14 @@ stood still: a PX4 whose timer thread kept sleeping (`sitl.real.px4.BATCH`).
 """
 ARMED = 2
 """vehicle_status.arming_state of an armed PX4."""
-TOPICS = ["vehicle_status", "vehicle_land_detected", "vehicle_global_position", "home_position", "vehicle_air_data"]
+TOPICS = {
+    "vehicle_status": "arming_state",
+    "vehicle_land_detected": "landed",
+    "vehicle_global_position": "alt",
+    "home_position": "alt",
+    "vehicle_air_data": "timestamp",
+}
+"""The topics that are read, and which field of each beside its timestamp."""
 
 Values = NDArray[np.float64]
 
@@ -175,9 +182,13 @@ def _silent(log: ULog, path: Path) -> str | None:
 
 def _read(path: Path) -> ULog:
     try:
-        return ULog(str(path), TOPICS, True)
+        log = ULog(str(path), list(TOPICS), True)
     except (ULogException, OSError, TypeError, ValueError, IndexError, KeyError, struct.error) as error:
         raise ResultsError(f"{path}: no flight log that can be read: {error}") from error
+    for one in log.data_list:
+        if not {"timestamp", TOPICS[one.name]} <= set(one.data):
+            raise ResultsError(f"{path}: {one.name}: expected timestamp and {TOPICS[one.name]}, as PX4 logs them")
+    return log
 
 
 def _version(log: ULog) -> str:

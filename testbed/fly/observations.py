@@ -6,6 +6,7 @@ them.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -18,8 +19,8 @@ from .pcap import read_capture
 from .results import LINKS, LINKS_COUNTERS, Attempt, read_json
 from .validity import FAILED, VOID, Observed, Verdict, judge, written
 
-_STEP_BACK_NS = 50_000_000
-"""A clock that falls back by this much was set. Smaller steps come from the order in which a kernel delivers frames,
+_STEP_NS = 50_000_000
+"""A clock that jumps by this much was set. Smaller steps come from the order in which a kernel delivers frames,
 or a program lines."""
 
 Found = TypeVar("Found")
@@ -77,6 +78,31 @@ def uncaptured(attempt: Attempt, manifest: Mapping[str, Any]) -> tuple[str, ...]
     return tuple(sorted({node["name"] for node in manifest["topology"]["nodes"]} - captured))
 
 
+class Clock:
+    """Observes whether this machine's clock is set, from now on.
+
+    No step moves the monotonic clock, whose rate NTP changes as it does the other's, and it stands still while the
+    machine is suspended.
+    """
+
+    def __init__(self) -> None:
+        self._ahead_ns = _ahead_of_monotonic_ns()
+
+    def set_s(self) -> float | None:
+        """By how many seconds the clock was set forward, or (negative) back; None if it was not."""
+        step_ns = _ahead_of_monotonic_ns() - self._ahead_ns
+        return step_ns / 1e9 if abs(step_ns) >= _STEP_NS else None
+
+
+def _ahead_of_monotonic_ns() -> int:
+    """The system's time without the monotonic one, by the reading of several that was interrupted the least."""
+    readings = []
+    for _ in range(3):
+        before_ns, now_ns = time.monotonic_ns(), time.time_ns()
+        readings.append((time.monotonic_ns() - before_ns, now_ns - before_ns))
+    return min(readings)[1]
+
+
 class _Reader:
     """Reads files, and collects the errors of unreadable ones, with paths relative to the series."""
 
@@ -120,7 +146,7 @@ def _set_back(
     attempt: Attempt, events: Sequence[Mapping[str, Any]], logs: Mapping[str, Sequence[Mapping[str, Any]]]
 ) -> tuple[str, float] | None:
     """The file with the largest step back in time between two entries, and the step in seconds; None if it is below
-    `_STEP_BACK_NS`."""
+    `_STEP_NS`."""
     steps_ns = {
         path.name: int(-np.diff(read_capture(path).t_ns).min(initial=0))
         for path in sorted((attempt.path / "pcap").glob("*.pcap"))
@@ -132,4 +158,4 @@ def _set_back(
         times = [int(event["t_ns"]) for event in written_down]
         steps_ns[name] = max((before - after for before, after in pairwise(times)), default=0)
     worst = max(steps_ns, key=lambda name: steps_ns[name])
-    return (worst, steps_ns[worst] / 1e9) if steps_ns[worst] >= _STEP_BACK_NS else None
+    return (worst, steps_ns[worst] / 1e9) if steps_ns[worst] >= _STEP_NS else None

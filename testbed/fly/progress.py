@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from rich.console import Console
 from rich.status import Status
+from rich.text import Text
 
 
 class ConsoleProgress:
@@ -47,7 +48,7 @@ class ConsoleProgress:
             if self._status is None:
                 self._status = self._console.status("")
                 self._status.start()
-            self._status.update(f"{name:<9} {self._where()}")
+            self._status.update(Text(f"{name:<9} {self._where()}"))  # a step of an own mission has any name
 
     def ended(self, status: str, reason: str | None) -> None:
         self._finish_step()

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from ..errors import ResultsError, UserError
 from ..plan.topology import Link, Node, Topology
@@ -29,6 +32,19 @@ _MANIFEST_FIELDS: dict[str, type] = {
     **dict.fromkeys(("experiment", "arm", "profile", "status", "shaper"), str),
     **dict.fromkeys(("revision", "configuration", "host", "versions", "topology"), dict),
 }
+
+_NUMBER_OR_NONE = (int, type(None))
+_CALLED: dict[str, type | tuple[type, ...]] = {"call": int, "command": str, "drone": _NUMBER_OR_NONE}
+_EVENT_FIELDS: dict[str, dict[str, type | tuple[type, ...]]] = {
+    "mission_start": {"scenario": str, "drones": list},
+    "mission_end": {"status": str},
+    "command": _CALLED | {"fog": _NUMBER_OR_NONE},
+    "kind": {"name": str},
+    "value": {"name": str},
+    "kind_done": {"name": str, "missing": int},
+    "outcome": _CALLED | {"word": str, "reason": (str, type(None)), "final": bool},
+}
+"""The fields that numbers are read from, by event of the mission."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +69,11 @@ class Attempt:
                 raise ResultsError(f"{path}: {name}: expected {'text' if kind is str else 'an object'}")
         if found["status"] not in ("running", "completed", "failed", "void"):
             raise ResultsError(f"{path}: status is {found['status']}, expected completed, failed or void")
+        _topology_of(found["topology"], path)
         return {"reason": None, **found}
 
     def topology(self) -> Topology:
-        described = self.manifest()["topology"]
-        nodes = tuple(Node(node["name"], node["address"]) for node in described["nodes"])
-        links = tuple(Link(link["name"], link["lower"], link["upper"]) for link in described["links"])
-        return Topology(nodes, links)
+        return _topology_of(self.manifest()["topology"], self.path / "manifest.json")
 
     @property
     def is_readable(self) -> bool:
@@ -81,7 +95,17 @@ class Attempt:
         return (self.path / "events.jsonl").exists()
 
     def events(self) -> list[dict[str, Any]]:
-        return read_json_lines(self.path / "events.jsonl")
+        """The mission's events. Raises ResultsError as `read_json_lines`, and for a field of another version."""
+        path = self.path / "events.jsonl"
+        found = read_json_lines(path)
+        for number, event in enumerate(found, 1):
+            for name, kind in _EVENT_FIELDS.get(event["event"], {}).items():
+                if name not in event or not isinstance(event[name], kind):
+                    value = repr(event[name]) if name in event else "missing"
+                    raise ResultsError(
+                        f"{path}, line {number}: {event['event']}: {name} is {value}, as of another version"
+                    )
+        return found
 
     def autopilot_events(self) -> dict[str, list[dict[str, Any]]]:
         """The events in the autopilots' own logs, by node."""
@@ -134,6 +158,8 @@ def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
     """Make a new folder for a series, never an existing one; `arm` includes the factors that deviate from it."""
     name = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     folder = series_folder(root, experiment, arm, profile)
+    if ":" in str(folder) or not str(folder).isprintable():
+        raise UserError(f"results folder {str(folder)!r}: expected no ':' and no control character: Docker mounts it")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for suffix in ("", *(f"-{n}" for n in range(2, 100))):
@@ -178,8 +204,7 @@ def point_latest(series: Series) -> None:
 
 def point(link: Path, target: Path) -> None:
     """Make a link point to a folder, atomically."""
-    fresh = link.with_name(f".{link.name}.new")
-    fresh.unlink(missing_ok=True)
+    fresh = fresh_beside(link)
     fresh.symlink_to(os.path.relpath(target, link.parent))
     fresh.replace(link)
 
@@ -202,12 +227,18 @@ def write_json(path: Path, document: Any) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a file, or the one that a link points to, completely or not at all. Raises OSError that names it."""
     target = path.resolve()
-    fresh = target.with_name(f".{target.name}.new")
+    fresh = fresh_beside(target)
     try:
         fresh.write_text(text, encoding="utf-8")
         fresh.replace(target)
     except OSError as error:
+        fresh.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def fresh_beside(path: Path) -> Path:
+    """A name for what will replace a file at once; two reports of one series at a time do not share it."""
+    return path.with_name(f".{path.name}.{uuid4().hex[:8]}.new")
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -234,8 +265,28 @@ def read_json_lines(path: Path, needed: frozenset[str] = frozenset({"t_ns", "eve
             raise ResultsError(f"{path}, line {number}: not JSON: {error}") from error
         if not isinstance(event, dict) or not needed <= set(event):
             raise ResultsError(f"{path}, line {number}: expected an event with t_ns")
+        if "t_ns" in needed and not (type(event["t_ns"]) is int and 0 <= event["t_ns"] < 2**63):
+            raise ResultsError(f"{path}, line {number}: t_ns is {event['t_ns']!r}, expected nanoseconds")
+        if not isinstance(event.get("event", ""), str):
+            raise ResultsError(f"{path}, line {number}: event is {event['event']!r}, expected text")
         found.append(event)
     return found
+
+
+def _topology_of(described: Mapping[str, Any], path: Path) -> Topology:
+    """The topology in a manifest. Raises ResultsError if it is not what a run writes."""
+    try:
+        nodes = tuple(Node(str(node["name"]), str(IPv4Address(node["address"]))) for node in described["nodes"])
+        links = tuple(Link(*(str(link[name]) for name in ("name", "lower", "upper"))) for link in described["links"])
+    except (LookupError, TypeError, ValueError) as error:
+        raise ResultsError(f"{path}: topology: expected nodes with their addresses, and links ({error!r})") from error
+    names = {node.name for node in nodes}
+    for link in links:
+        if ":" not in link.name or not {link.lower, link.upper} <= names:
+            raise ResultsError(
+                f"{path}: topology: link {link.name!r}: expected CLASS:NODE, and both of its ends among the nodes"
+            )
+    return Topology(nodes, links)
 
 
 def _read_json(path: Path) -> Any:

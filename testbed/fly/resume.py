@@ -194,16 +194,20 @@ def _was_cut(endings: dict[Attempt, Verdict | None]) -> bool:
 
 
 def _made_void(series: Series) -> dict[tuple[str, int, int], Verdict]:
-    """The attempts that metrics.json has as void, by protocol, number and repeat."""
+    """The attempts that were found void when they were measured, by protocol, number and repeat.
+
+    A series may have been reported while it was flown: what was under way then was void, with its pair.
+    """
     try:
         sides: dict[str, Any] = read_json(series.path / METRICS)["protocols"]
     except (ResultsError, KeyError):
         return {}
-    return {
+    found = {
         (protocol, void["attempt"], void.get("repeat", 0)): as_measured(void)
         for protocol, side in sides.items()
         for void in side["void"]
     }
+    return {place: verdict for place, verdict in found.items() if not (verdict.was_cut or verdict.is_of_its_pair)}
 
 
 def _same_links(attempt: Attempt, plan: Plan) -> bool:

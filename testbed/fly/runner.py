@@ -26,7 +26,7 @@ from .daemon import Usage
 from .flights import mission_command, profile_of, remove_sockets, settings_of
 from .identities import make_identities
 from .manifest import describe, mosquitto_version
-from .observations import observe
+from .observations import Clock, observe
 from .page_process import page_beside
 from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
 from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
@@ -71,9 +71,9 @@ def run_series(
 
     Both attempts of a number meet the same links, or neither counts: if one is void, the other is too, and both are
     flown again, at most twice, each time after waiting for a quieter moment of the machine. A failed attempt does not
-    end the series; a lost Docker does, with DockerError. An attempt that the live page shows is not repeated, as it
-    never counts. `begun` is the state of an interrupted series, by number. Returns the verdicts of each number's last
-    repeat, in the order of the flights.
+    end the series; a lost Docker does, with DockerError: between flights, or in the last repeat of a number. An attempt
+    that the live page shows is not repeated, as it never counts. `begun` is the state of an interrupted series, by
+    number. Returns the verdicts of each number's last repeat, in the order of the flights.
     """
     endings: list[Verdict] = []
     with signals_interrupt(f"what was captured is kept in {series.path}"):
@@ -97,6 +97,9 @@ def run_series(
                 flown = write_paired(flown)
                 if not any(verdict.is_void for verdict in flown.values()):
                     break
+            for attempt, verdict in flown.items():
+                if verdict.was_cut:
+                    raise DockerError(f"{attempt.path}: {verdict.reason}, in the last of its repeats")
             endings += flown.values()
     return endings
 
@@ -146,7 +149,7 @@ def _fly(
         manifest["host"] |= {"waited_s": waited.seconds, "idle": waited.idle}
     write_json(attempt.path / "manifest.json", manifest)
     failure: str | None = INTERRUPTED
-    off_before, begun_s = None, time.monotonic()
+    off_before, begun_s, clock = None, time.monotonic(), Clock()
     try:
         containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings, plan.fleet)
         with _fleet_up(plan, containers, attempt, manifest, links, gates, progress), page_beside(plan, attempt):
@@ -159,8 +162,10 @@ def _fly(
     except FleetError as error:
         failure = str(error)
     except (TestbedError, OSError) as error:
-        failure = cut_off(error)
-        if not (isinstance(error, DockerError) and attempt.was_flown):
+        lost = isinstance(error, DockerError) and attempt.was_flown
+        if not lost or failure in (INTERRUPTED, None):  # a mission that had failed before Docker did stays failed
+            failure = cut_off(error)
+        if not lost:
             raise
     finally:
         manifest["captures"] = attempt.captures()
@@ -169,7 +174,7 @@ def _fly(
             if off_before is not None
             else observe(attempt, manifest, failure, lambda: link_files.off_lines(folder, links))
         )
-        seen = replace(seen, watched=plan.page is not None)
+        seen = replace(seen, watched=plan.page is not None, clock_set=clock.set_s())
         verdict = judge(seen)
         manifest |= {**verdict.to_data(), "observed": asdict(seen), "took_s": round(time.monotonic() - begun_s, 1)}
         manifest["host"]["load_after"] = os.getloadavg()[0]

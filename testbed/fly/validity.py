@@ -19,6 +19,7 @@ RUNNING = "running"
 WATCHED = "the live page showed it (PAGE=1): a station that watches opens the gates of its fogs"
 CUT_OFF, INTERRUPTED = "the run was cut off", "interrupted"
 """Failures of the run, not of its fleet; behind CUT_OFF and a colon may be what cut it off."""
+_PAIRED = "was void in the same attempt"
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class Observed:
     has_end: whether the mission's events include its end.
     silent: the drones without an event of disarming.
     set_back: the file in which the clock was set back the furthest, and by how many seconds.
+    clock_set: by how many seconds this machine's clock was set forward, or (negative) back; None if it was not. A
+        machine that is suspended sets its clock forward when it goes on.
     unreadable: unreadable files on which one of these depends, with the reason.
     watched: whether the live page showed the flight.
     """
@@ -50,6 +53,7 @@ class Observed:
     set_back: tuple[str, float] | None = None
     unreadable: tuple[str, ...] = ()
     watched: bool = False
+    clock_set: float | None = None
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,11 @@ class Verdict:
     def was_cut(self) -> bool:
         """Whether the run ended before the attempt did: it is flown again, without counting as a repeat."""
         return self.status != COMPLETED and len(self.reasons) == 1 and _is_cut(self.reasons[0])
+
+    @property
+    def is_of_its_pair(self) -> bool:
+        """Whether the attempt over the other protocol is why it is void (`paired`)."""
+        return any(_PAIRED in reason for reason in self.reasons)
 
     def to_data(self) -> dict[str, Any]:
         """The entries in a manifest."""
@@ -115,17 +124,17 @@ def unread(reason: str) -> Verdict:
 def judge(seen: Observed) -> Verdict:
     """The verdict of a flight.
 
-    Links that are not as planned, autopilots that were slowed down, captures that dropped packets, and a live page,
-    which adds traffic, make any attempt void: if its mission failed, they or the busy machine may be the cause. Were
-    dropped packets to void only completed attempts, whichever side has more packets would seem to fail more often. All
-    else that its numbers lack makes only a completed attempt void: a failed one stays in the tables with the numbers
-    that it has. An attempt that was cut off speaks for or against nobody.
+    Links that are not as planned, autopilots that were slowed down, captures that dropped packets, a clock that was
+    set, and a live page, which adds traffic, make any attempt void: if its mission failed, they or the busy machine may
+    be the cause. Were dropped packets to void only completed attempts, whichever side has more packets would seem to
+    fail more often. All else that its numbers lack makes only a completed attempt void: a failed one stays in the
+    tables with the numbers that it has. An attempt that was cut off speaks for or against nobody.
     """
     if seen.off_before is not None:
         return Verdict(VOID, (seen.off_before,))
     if seen.watched:
         return Verdict(VOID, (WATCHED,), seen.failure)
-    conditions = (*_of_dropped(seen), *seen.off_links, *seen.flights)
+    conditions = (*_of_dropped(seen), *seen.off_links, *seen.flights, *_of_clock(seen))
     if seen.failure is not None:
         if _is_cut(seen.failure):
             return Verdict(VOID, (seen.failure,))
@@ -141,7 +150,7 @@ def paired(verdicts: Mapping[Attempt, Verdict]) -> dict[Attempt, Verdict]:
         void = next((other for other in verdicts if _are_paired(attempt, other) and verdicts[other].is_void), None)
         if void is not None and not verdict.is_void:
             failure = verdict.reason if verdict.status == FAILED else None
-            verdict = Verdict(VOID, (f"{void.protocol} was void in the same attempt",), failure)
+            verdict = Verdict(VOID, (f"{void.protocol} {_PAIRED}",), failure)
         found[attempt] = verdict
     return found
 
@@ -166,6 +175,13 @@ def _of_uncaptured(seen: Observed) -> list[str]:
 def _of_dropped(seen: Observed) -> list[str]:
     dropped = [f"{node} {'?' if count is None else count}" for node, count in seen.dropped.items()]
     return [f"captures dropped packets: {', '.join(dropped)}"] if dropped else []
+
+
+def _of_clock(seen: Observed) -> list[str]:
+    if seen.clock_set is None:
+        return []
+    way = "back" if seen.clock_set < 0 else "forward, or the machine was suspended,"
+    return [f"the machine's clock was set {way} by {abs(seen.clock_set):.3f} s during the attempt"]
 
 
 def _of_events(seen: Observed) -> list[str]:

@@ -43,9 +43,9 @@ def seconds(value: float | None) -> str:
 def milliseconds(value: float | None) -> str:
     if value is None:
         return NOTHING
-    if value >= 1000:
+    if value >= 999.5:
         return f"{value / 1000:.2f} s"
-    return f"{value:.2f} ms" if value < 10 else f"{value:.0f} ms"
+    return f"{value:.2f} ms" if value < 9.995 else f"{value:.0f} ms"
 
 
 def delay(value: float) -> str:

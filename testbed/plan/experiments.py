@@ -24,6 +24,8 @@ from .topology import Topology
 from .typed import one_of, whole_number
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,59}")
+_OTHER_RESULTS = ("links", "reproduction", "latest")
+"""What is beside the experiments' folders, and what names the newest series of all."""
 MESSAGES = "messages"
 EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4", "scenario-5", MESSAGES)
 WITH_SENSORS = ("scenario-4",)
@@ -231,8 +233,11 @@ def one_protocol(text: str) -> str:
 
 def _name_of(mission: Path) -> str:
     """The experiment's name of a user's own mission. Raises UserError if the file is no mission or its name invalid."""
-    if not _NAME.fullmatch(mission.stem) or mission.stem in EXPERIMENTS:
-        raise UserError(f"{mission}: expected a name of lower-case letters, digits, - and _ that no scenario has")
+    if not _NAME.fullmatch(mission.stem) or mission.stem in (*EXPERIMENTS, *_OTHER_RESULTS):
+        expected = (
+            f"a name of lower-case letters, digits, - and _ that no scenario has, nor {', '.join(_OTHER_RESULTS)}"
+        )
+        raise UserError(f"{str(mission)!r}: expected {expected}")
     check_mission(mission)
     return mission.stem
 

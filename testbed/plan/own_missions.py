@@ -18,11 +18,13 @@ def check_mission(path: Path) -> None:
     except OSError as error:
         raise UserError(f"{path}: {EXPECTED}: {error.strerror}") from error
     except SyntaxError as error:
-        raise UserError(f"{path}, line {error.lineno}: {error.msg}") from error
-    except ValueError as error:
-        raise UserError(f"{path}: {EXPECTED}: {error}") from error
+        line = f", line {error.lineno}" if error.lineno else ""
+        raise UserError(f"{path}{line}: {error.msg}") from error
+    except (ValueError, RecursionError, MemoryError) as error:  # the last two: nested too deep for Python
+        raise UserError(f"{path}: {EXPECTED}: {str(error) or 'nested too deep'}") from error
     found = [one for one in tree.body if isinstance(one, ast.AsyncFunctionDef) and one.name == _NAME]
     if not found:
         raise UserError(f"{path}: {EXPECTED}")
-    if len(found[-1].args.posonlyargs) + len(found[-1].args.args) != _PARAMETERS:
+    taken = found[-1].args
+    if len(taken.posonlyargs) + len(taken.args) != _PARAMETERS or None in taken.kw_defaults:
         raise UserError(f"{path}, line {found[-1].lineno}: {EXPECTED}")

@@ -15,6 +15,7 @@ from testbed.plan.overrides import compose_files
 
 HERE = {"commit": "c0ffee", "dirty": False}
 """The revision of the working tree."""
+MISSION_END = {"t_ns": 1, "event": "mission_end", "status": "completed", "reason": None}
 SHAPER = {"shaper": "nfqueue", "why": "the kernel has no netem"}
 
 
@@ -77,7 +78,7 @@ class Fleet:
             return 0
         self.did.append(f"mission in {service}")
         self.commands.append(command)
-        (self._run_dir / "events.jsonl").write_text(json.dumps({"t_ns": 1, "event": "mission_end"}) + "\n")
+        (self._run_dir / "events.jsonl").write_text(json.dumps(MISSION_END) + "\n")
         yield from self._lines
         if self._raises is not None:
             raise self._raises

@@ -119,8 +119,16 @@ def rate_bps(link: LinkPlan, frames: int, seconds: float, chance: float = 0.0) -
 
 
 def arriving(link: LinkPlan) -> float:
-    """The share of probes that arrive: one with a flipped bit fails the checksum of UDP or of IP."""
-    return (1 - link.loss) * (1 - link.corrupt)
+    """The share of probes that arrive, they or their copies: one with a flipped bit fails the checksum of UDP or IP."""
+    passed = 1 - link.loss * (1 - link.duplicate)  # chosen to be both lost and duplicated, it passes once
+    rescued = link.corrupt * link.duplicate * (1 - link.loss) ** 2
+    return (1 - link.corrupt) * (passed + rescued)
+
+
+def vanishing(link: LinkPlan) -> float:
+    """The share of frames and copies together that random loss takes, by netem's rules."""
+    copies = (1 - link.loss) * link.duplicate
+    return link.loss * (1 - link.duplicate + copies) / (1 + copies)
 
 
 def _quantile(distribution: str, share: float) -> float:

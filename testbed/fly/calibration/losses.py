@@ -1,10 +1,11 @@
 """After a run: random loss of every link, from the shaper's counters.
 
 Each frame that reaches a link's loss is lost independently with the planned probability, so the number of lost frames
-is binomial. It must lie in the central interval that has 99.9 % of such counts for **all links of a run together**:
-each of m links may be outside with a probability of 0.001/m (Bonferroni). With an interval of 99.9 % for each of 12
-lossy links, one run in 84 would be void although its links are right, one pair of attempts in 42; so it is one in
-1,000. That costs little: with 12 links an interval of 3.9 instead of 3.3 standard errors to each side.
+is binomial, and with duplicates nearly so. It must lie in the central interval that has 99.9 % of such counts for **all
+links of a run together**: each of m links may be outside with a probability of 0.001/m (Bonferroni). With an interval
+of 99.9 % for each of 12 lossy links, one run in 84 would be void although its links are right, one pair of attempts in
+42; so it is one in 1,000. That costs little: with 12 links an interval of 3.9 instead of 3.3 standard errors to each
+side.
 
 The interval is exact: the binomial distribution's quantiles, summed from its terms (Johnson, Kemp, Kotz: Univariate
 Discrete Distributions, 3.2), not the normal approximation, which is wrong where few frames are lost.
@@ -18,6 +19,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ...plan.profiles.resolve import LinksPlan
+from .expected import vanishing
 
 OUTSIDE = 0.001
 """The probability that any link of a run is outside although all are right."""
@@ -66,11 +68,11 @@ def measure_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collec
     """The random loss of every link of the plan. `counters` is counters.json; `changed` are links changed by hand.
 
     Links whose loss an event or a person changes are not judged: it is not counted which frames met which loss. Frames
-    that a closed link refused or a full queue dropped could not be lost at random, and do not count. Copies do: each is
-    lost independently.
+    that a closed link refused or a full queue dropped could not be lost at random, and do not count. Copies do, by
+    netem's rules (`vanishing`).
     """
     found = counters["links"]
-    eventful = {event.link for event in plan.events if "loss" in event.change}
+    eventful = {event.link for event in plan.events if {"loss", "duplicate"} & set(event.change)}
     lossy = sum(1 for link in plan.links.values() if link.loss)
     outside = OUTSIDE / max(1, lossy)
     losses = []
@@ -83,7 +85,7 @@ def measure_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collec
             losses.append(Loss(name, link.loss, note="not counted"))
         else:
             lost, frames = found[name]["random"], found[name]["random"] + found[name]["left"]
-            lowest, highest = binomial_interval(frames, link.loss, outside)
+            lowest, highest = binomial_interval(frames, vanishing(link), outside)
             losses.append(Loss(name, link.loss, lost, frames, lowest, highest))
     return tuple(losses)
 

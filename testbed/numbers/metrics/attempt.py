@@ -161,7 +161,7 @@ def outcomes(events: list[dict[str, Any]]) -> dict[str, list[OutcomeEntry]]:
     calls = {event["call"]: event["t_ns"] for event in events if event["event"] == "command"}
     found: dict[str, list[OutcomeEntry]] = defaultdict(list)
     for event in events:
-        if event["event"] == "outcome" and event["final"] and event["drone"] is not None:
+        if event["event"] == "outcome" and event["final"] and event["drone"] is not None and event["call"] in calls:
             after_ms = round((event["t_ns"] - calls[event["call"]]) / 1e6, 1)
             word: OutcomeEntry = {
                 "command": event["command"],

@@ -90,7 +90,7 @@ def purposes(packets: Packets, window: Window) -> dict[str, AmountEntry]:
 
 
 def retransmissions(packets: Packets, window: Window) -> Retransmissions:
-    """TCP frames with bytes sent before: their number, bytes, how many were needless, and their number by link."""
+    """Frames with what TCP or MQTT-SN sent before: their number, bytes, how many were needless, and by link."""
     again = packets.frames.filter(window.entered, pl.col("repeats").is_not_null())
     links = again.group_by(pl.col("link").cast(pl.String)).len().sort("link")
     return {

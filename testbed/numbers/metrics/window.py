@@ -7,6 +7,7 @@ from typing import Any
 
 import polars as pl
 
+from ...errors import ResultsError
 from ...fly.results import Attempt
 from ..packets import Packets, load
 from .ways import STATION, Ways
@@ -15,6 +16,7 @@ MAV_CMD_ARM = 400
 MESSAGE_SET = "messages"
 """The scenario in `mission_start` that flies ten kinds of messages, one at a time."""
 SECOND_NS = 1_000_000_000
+LONGEST_S = 86_400.0
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,16 @@ def mission_window(attempt: Attempt, events: list[dict[str, Any]], packets: Pack
         over = [event["t_ns"] for event in events if event["event"] == "kind_done"]
         finished = over if is_message_set(events) else disarmed
         if finished:
-            return Window(start_ns, max(finished), asked_ns)
+            return _sensible(Window(start_ns, max(finished), asked_ns), attempt)
     last_ns = max([ended[-1]["t_ns"]] if ended else [event["t_ns"] for event in events])
-    return Window(start_ns, max(last_ns, start_ns), asked_ns)
+    return _sensible(Window(start_ns, max(last_ns, start_ns), asked_ns), attempt)
+
+
+def _sensible(window: Window, attempt: Attempt) -> Window:
+    """Raise ResultsError for a window that no mission has, as of a clock that was set: every second has a count."""
+    if window.seconds > LONGEST_S:
+        raise ResultsError(f"{attempt.path}: a mission of {window.seconds:.0f} s, expected at most {LONGEST_S:.0f} s")
+    return window
 
 
 def is_message_set(events: list[dict[str, Any]]) -> bool:

@@ -20,7 +20,7 @@ from .mqtt import VERSION_5, Direction, randoms_of, read_direction, read_tls_dir
 from .mqttsn import Datagram, read_datagrams
 from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
 from .streams import SYN, Segment
-from .tcp import retransmissions
+from .tcp import NEEDED, NEEDLESS, retransmissions
 from .tls import Secrets, read_key_log
 
 _FROM_HEADERS = ("protocol", "source_port", "destination_port", "ethernet", "ip", "transport", "sequence", "flags")
@@ -116,7 +116,7 @@ def build(attempt: Attempt) -> Built:
     frames = frame_rows(tree, nodes, entered, messages, payload_bytes, tls_bytes)
     frames = frames.with_columns(
         _frame_purposes(frames["purpose"], entered, directions),
-        _repeats(len(frames), segments.values()),
+        _repeats(len(frames), segments.values(), directions),
         _begins(frames["messages"], directions),
     )
     del entered
@@ -287,9 +287,11 @@ def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Dire
     return of_first.scatter(rows, pl.Series(found, dtype=pl.Categorical())).alias("purpose")
 
 
-def _repeats(count: int, segments: Iterable[list[Segment]]) -> pl.Series:
-    """The column `repeats`: whether TCP had sent a frame's bytes before, and whether repeating them was needed."""
+def _repeats(count: int, segments: Iterable[list[Segment]], directions: list[Direction]) -> pl.Series:
+    """The column `repeats`: whether TCP or MQTT-SN sent a frame's content again, and whether that was needed."""
     found = {row: kind for direction in segments for row, kind in retransmissions(direction).items()}
+    for direction in directions:
+        found |= {row: NEEDLESS if had_left else NEEDED for row, had_left in direction.repeated.items()}
     kinds = pl.Series(list(found.values()), dtype=pl.Categorical())
     nothing = pl.Series("repeats", [None], dtype=pl.Categorical()).new_from_index(0, count)
     return nothing.scatter(list(found), kinds) if found else nothing

@@ -45,14 +45,16 @@ class Direction:
     """The content of one direction of the connections between two ports.
 
     By row of each frame with a body: `payload_bytes` are its bytes of PUBLISHes' payloads, `tls_bytes` those of TLS
-    itself, and `carried` is the packet of its first byte. `version` is the protocol level of the last CONNECT, by which
-    both directions are read. `is_unread`: some TLS records cannot be decrypted.
+    itself, and `carried` is the packet of its first byte. `repeated` has the datagrams that bring a message again,
+    and whether an earlier one had left the link. `version` is the protocol level of the last CONNECT, by which both
+    directions are read. `is_unread`: some TLS records cannot be decrypted.
     """
 
     packets: list[Packet] = field(default_factory=list)
     payload_bytes: dict[int, int] = field(default_factory=dict)
     tls_bytes: dict[int, int] = field(default_factory=dict)
     carried: dict[int, Packet] = field(default_factory=dict)
+    repeated: dict[int, bool] = field(default_factory=dict)
     version: int | None = None
     is_unread: bool = False
 

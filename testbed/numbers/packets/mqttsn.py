@@ -89,9 +89,11 @@ def _told(packet: Message, flow: _Flow) -> list[Told]:
 def _again(datagram: Datagram, packet: Message, flow: _Flow, found: Direction) -> None:
     """Note a repetition: its messages leave the link with it if no earlier copy did."""
     msg_id, places = flow.last
-    if msg_id != packet.msg_id:
+    if msg_id != packet.msg_id:  # the one after it was sent, so this one had been answered
+        found.repeated[datagram.row] = True
         _note(found, datagram, "publish")
         return
+    found.repeated[datagram.row] = any(found.packets[place].left_ns is not None for place in places)
     for place in places:
         before = found.packets[place]
         left_ns = datagram.left_ns if before.left_ns is None else before.left_ns

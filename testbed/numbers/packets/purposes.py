@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import polars as pl
 
 PURPOSES = ("command", "result", "state", "presence", "sensor", "upkeep", "acknowledgement", "other")
-"""Commands to drones; their results; what drones send unasked; presence and rankings; sensors' readings; upkeep of
-connections and clocks; acknowledgements of TCP, of MQTT and of readings; all others.
+"""Commands to drones, with the missions and logs that they name; their results; what drones send unasked; presence and
+rankings; sensors' readings; upkeep of connections and clocks; acknowledgements of TCP, of MQTT and of readings; others.
 """
 _COMMAND, _RESULT, _STATE, _PRESENCE, _SENSOR, _UPKEEP, _ACKNOWLEDGEMENT, _OTHER = PURPOSES
 _TOPIC_ENDS = {
@@ -17,6 +17,8 @@ _TOPIC_ENDS = {
     "sensor_ack": _ACKNOWLEDGEMENT,
     **dict.fromkeys(("reachable", "QoDS", "PSMI", "birth", "stations"), _PRESENCE),
     **dict.fromkeys(("clock", "init_connect", "control"), _UPKEEP),
+    "bulk": _COMMAND,
+    "bulk_answer": _RESULT,
 }
 _TOPIC_MIDDLES = {"commands": _COMMAND, "commands_result": _RESULT, "state": _STATE, "mavlink": _STATE}
 _ACKS = ("puback", "pubrec", "pubrel", "pubcomp")
@@ -31,6 +33,9 @@ _MAVLINK = {
     **dict.fromkeys(("PARAM_REQUEST_READ", "PARAM_REQUEST_LIST", "PARAM_VALUE", "PARAM_SET"), _UPKEEP),
     **dict.fromkeys(("PARAM_EXT_REQUEST_READ", "PARAM_EXT_VALUE", "COMPONENT_METADATA"), _UPKEEP),
 }
+_UNASKED = ("MISSION_CURRENT", "MISSION_ITEM_REACHED")
+_CARRIED = r"^(MISSION|LOG|FILE_TRANSFER)_"
+"""What carries missions and logs, in either direction: a part of a command from a station, of a result from a drone."""
 _ASKING = (511, 512, 519, 520, 521)
 """MAV_CMDs by which a station only requests messages of a vehicle: SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, and
 REQUEST_*_VERSION, _CAPABILITIES. MAVSDK sends them unasked whenever a vehicle appears or reappears.
@@ -66,6 +71,8 @@ def of_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.Series:
         .then(pl.lit(_UPKEEP))
         .when(kind.is_in(["COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK"]) & pl.col("command").is_in(_ASKING))
         .then(pl.lit(_UPKEEP))
+        .when(kind.str.contains(_CARRIED) & ~kind.is_in(_UNASKED))
+        .then(pl.when(own).then(pl.lit(_RESULT)).otherwise(pl.lit(_COMMAND)))
         .otherwise(kind.replace_strict(_MAVLINK, default=_STATE, return_dtype=pl.String))
     )
     topics = messages["topic"].unique(maintain_order=True).to_list()

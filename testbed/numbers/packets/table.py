@@ -25,7 +25,7 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | `node` | categorical | the node whose capture has it as it entered: `pcap/<node>.pcap` … |
 | `offset` | i64 | … and the position of its first byte in that file |
 | `purpose` | categorical | of its first message, else of the message that it continues, or of TCP itself |
-| `repeats` | categorical or null | of a TCP retransmission: `needed` if a link had lost some of it, else `needless` |
+| `repeats` | categorical or null | of a repetition by TCP or MQTT-SN: `needed` if a link had lost it, else `needless` |
 | `begins` | i64 or null | the row of the frame in which the message of its first byte begins; null: no message |
 
 `messages` (sorted by `t_ns`, and by their order within a frame):
@@ -60,11 +60,11 @@ from typing import Any
 import polars as pl
 
 from ...errors import ResultsError
-from ...fly.results import Attempt
+from ...fly.results import Attempt, fresh_beside
 from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
-VERSION = 9
+VERSION = 10
 """Raised with every change of a column's meaning or of how it is computed."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"
@@ -132,11 +132,12 @@ def _write(folder: Path, built: Built, sources: dict[str, list[int]]) -> None:
     about: dict[str, Any] = {"version": VERSION, "made": time.time_ns(), "sources": sources}
     about |= {name: getattr(built, name) for name in _TOLD}
     for name, table in ((MESSAGES, built.messages), (FRAMES, built.rows)):
-        fresh = folder / f".{name}.new"
+        fresh = fresh_beside(folder / name)
         try:
             table.write_parquet(fresh, compression="lz4", metadata={_ABOUT: json.dumps(about)})
             fresh.replace(folder / name)
         except OSError as error:
+            fresh.unlink(missing_ok=True)
             raise OSError(error.errno, error.strerror, str(folder / name)) from error
 
 

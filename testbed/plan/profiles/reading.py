@@ -29,6 +29,10 @@ PARSERS: dict[str, tuple[str, Callable[[str], Any]]] = {
 """Fields with a unit: their name in a plan, and their parser; all other fields are the same in both."""
 
 
+OFTEN_US = 100_000
+"""The least time, on average, from one of an event's occurrences to the next: a plan has all those of a flight."""
+
+
 @dataclass(frozen=True)
 class Figure:
     """One figure, in the unit of the plan's field; `where` is file and field, for errors."""
@@ -195,6 +199,8 @@ def _rule(rule: dict[str, Any], where: str) -> Rule:
         for name in ("at", "every", "for")
         if name in rule
     }
+    if 0 < times.get("every", OFTEN_US) < OFTEN_US:
+        raise UserError(f"{where}.every: {rule['every']!r}: expected at least {units.show_time(OFTEN_US)}")
     for name, limit in (("every", None), ("for", times.get("every"))):
         if name in times and (times[name] == 0 or (limit is not None and times[name] >= limit)):
             expected = f"shorter than every, {rule['every']}" if limit is not None and times[name] else "more than 0"
@@ -216,4 +222,7 @@ def _bursts(rule: dict[str, Any], where: str, change: Mapping[str, Figure]) -> R
         raise UserError(f"{where}.bursts.shortest: {bursts['shortest']!r}: expected at least 1ms")
     if longest < shortest:
         raise UserError(f"{where}.bursts.longest: {bursts['longest']!r}: expected at least {bursts['shortest']}")
+    if (shortest + longest) / 2 < share * OFTEN_US:
+        expected = f"a burst every {units.show_time(OFTEN_US)} on average, or longer ones"
+        raise UserError(f"{where}.bursts.share: {bursts['share']!r}: expected at most {expected}")
     return Rule(rule["link"], where, change, rule["source"], None, None, None, share, shortest, longest)

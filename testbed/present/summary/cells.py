@@ -46,10 +46,15 @@ class Cell:
         """The machine that flew it; empty if unknown, or if there were several."""
         return self.metrics.get("machine") or ""
 
-    @property
-    def both(self) -> bool:
-        """Whether each protocol has an attempt that counts."""
-        return _sides_of(self.metrics) == len(SIDES)
+    def rank(self, attempts: int) -> tuple[int, int]:
+        """How many protocols have an attempt that counts, and how many numbers up to `attempts` they have altogether.
+
+        A number that is void each time was flown all the same.
+        """
+        sides = self.metrics["protocols"].values()
+        numbers = [{one["attempt"] for one in (*side["attempts"], *side["void"])} for side in sides]
+        flown = sum(len(one & set(range(1, attempts + 1))) for one in numbers)
+        return sum(bool(side["attempts"]) for side in sides), flown
 
 
 @dataclass(frozen=True)
@@ -60,9 +65,10 @@ class Found:
     unread: tuple[str, ...] = ()
 
 
-def find_cells(roots: Sequence[Path]) -> Found:
+def find_cells(roots: Sequence[Path], attempts: int = 0) -> Found:
     """Find the newest finished series of each cell, preferably one in which both protocols have an attempt that counts.
 
+    Among these one with all numbers up to `attempts` is preferred to a newer one that was broken off.
     A series is finished once it is measured. Raises UserError if a root is no folder.
     """
     by_cell: dict[tuple[str, str], list[Series]] = defaultdict(list)
@@ -81,9 +87,9 @@ def find_cells(roots: Sequence[Path]) -> Found:
             except ResultsError as error:
                 unread.append(str(error))
                 continue
-            if chosen is None or _sides_of(cell.metrics) > _sides_of(chosen.metrics):
+            if chosen is None or cell.rank(attempts) > chosen.rank(attempts):
                 chosen = cell
-            if chosen.both:
+            if chosen.rank(attempts) == (len(SIDES), len(SIDES) * attempts):
                 break
         if chosen is not None:
             cells.append(chosen)
@@ -94,8 +100,3 @@ def _cell(experiment: str, label: str, series: Series) -> Cell:
     metrics = read_metrics(series)
     arm = label.removesuffix(f"-{metrics['profile']}")
     return Cell(experiment, arm, metrics["profile"], series, metrics)
-
-
-def _sides_of(metrics: Metrics) -> int:
-    """The number of protocols with an attempt that counts."""
-    return sum(bool(side["attempts"]) for side in metrics["protocols"].values())

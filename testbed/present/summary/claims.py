@@ -60,7 +60,7 @@ def _times(cell: Cell, quantity: Quantity, claimed: float) -> Judged:
 
 def _shorter(cell: Cell, claimed: float) -> Judged:
     mission = row(MISSION, cell.sides).ratio
-    if mission is None or cell.experiment == MESSAGES:  # the message set is no mission
+    if not mission or cell.experiment == MESSAGES:  # the message set is no mission
         return Judged(None)
     saved = 1 - 1 / mission
     said = f"{words.share(abs(saved))} {'shorter' if saved > 0 else 'longer'}"

@@ -123,3 +123,9 @@ def test_a_request_is_repeated_on_the_link_that_uploads(drone: Any) -> None:
     drone.fly(6)
     assert not [m for m in drone.vehicle.streamed(0, 6.3) if m.get_type() == "MISSION_REQUEST_INT"]
     assert "Operation timeout" in [o.message.text for o in drone.vehicle.advance(6.5) if hasattr(o, "message")]
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_copter_refuses_a_list_of_no_known_kind(copter: Any, count: int) -> None:
+    (answer,) = copter.tell(mavlink.MAVLink_mission_count_message(*TO, count, 5))
+    assert (answer.get_type(), answer.type) == ("MISSION_ACK", mavlink.MAV_MISSION_UNSUPPORTED)

@@ -77,6 +77,15 @@ def test_failed_and_void_attempts_are_named(tmp_path: Path) -> None:
     assert "2 pairs, without 3" in " ".join(said.split())
 
 
+def test_a_whole_series_is_judged_and_not_a_newer_one_that_was_broken_off(tmp_path: Path) -> None:
+    """Docker was lost in the second attempt of the newer one, which was reported and is not flown to its end."""
+    _flown(tmp_path, 200_000, 210_000, 190_000)
+    finished(tmp_path, [attempt("mqttxt")], [attempt("mavlink")], name="20270101T000000Z", **NAME)
+    code, said, _ = _run(tmp_path, _table(tmp_path), "--no-fly")
+    assert (code, "1 of 1 line reproduced" in said) == (0, True)
+    assert json.loads((tmp_path / "reproduction.json").read_text())["cells"][0]["series"] == "20260101T000000Z"
+
+
 @pytest.mark.parametrize(("here", "said_so"), [("decaf", True), ("c0ffee", False), (None, False)])
 def test_a_verdict_by_flights_of_another_revision_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: str | None, said_so: bool

@@ -28,7 +28,7 @@ class Scale:
         if self.logarithmic:
             part = math.log(max(value, self.least) / self.least) / math.log(self.most / self.least)
         else:
-            part = (value - self.least) / (self.most - self.least)
+            part = (value - self.least) / ((self.most - self.least) or 1.0)
         return self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)
 
 

@@ -74,6 +74,12 @@ def test_a_wrong_figure_is_named_beside_what_was_configured(link: LinkPlan, figu
     assert nodes.rounds == found.rounds == 3
 
 
+def test_a_link_that_loses_and_duplicates_has_its_rate() -> None:
+    """A frame that is both lost and duplicated passes once."""
+    plan = plan_of(LinkPlan(64_000, 10, delay_us=5_000, loss=0.9, duplicate=1.0))
+    assert calibrate(plan, TWO, SimulatedNodes(plan).run).off == ()
+
+
 def test_a_shared_slow_rate_is_measured_one_way_after_the_other() -> None:
     found = measured(SHARED)
     rates = [check.measured for check in found.checks if check.figure == "rate_bps"]

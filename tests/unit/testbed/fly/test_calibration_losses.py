@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import pytest
 
+from net.emulator.link import DROP, DUPLICATE
+from net.emulator.network import Network
+from net.emulator.plan import parse_plan
 from net.link_plan import EventPlan, LinkPlan
 from testbed.fly.calibration.losses import binomial_interval, check_losses, measure_losses
 from testbed.plan.profiles.resolve import LinksPlan
@@ -53,6 +57,21 @@ def test_a_loss_as_planned_is_not_mentioned_and_another_is_told_with_its_counts(
         f"{UP} loss: configured 5 %, measured 9.2 % (92 of 1000 frames); expected 29 to 74",
     )
     assert check_losses(plan, counters((0, 1000)))[0].startswith(f"{UP} loss: configured 5 %, measured 0 % (0 of 1000")
+
+
+@pytest.mark.parametrize(("loss", "duplicate"), [(0.05, 0.3), (0.5, 0.5), (0.3, 1.0), (1.0, 1.0)])
+def test_a_link_that_loses_and_duplicates_is_as_planned(loss: float, duplicate: float) -> None:
+    """netem counts no drop of a frame that is chosen for both: it passes once."""
+    plan = plan_of(LinkPlan(loss=loss, duplicate=duplicate))
+    shaped = Network(parse_plan(plan.to_data(), "plan")).links[UP]
+    for number in range(20_000):
+        _, fate = shaped.arrive(number, 100)
+        shaped.counters.left += fate != DROP
+        if fate & DUPLICATE:
+            shaped.counters.left += shaped.copy()[1] != DROP
+    assert check_losses(plan, {"links": {UP: asdict(shaped.counters)}}) == ()
+    found = shaped.counters
+    assert found.entered + found.duplicated == found.left + found.random
 
 
 def test_a_link_that_loses_none_may_not_lose_one() -> None:

@@ -239,7 +239,10 @@ def test_an_attempt_that_does_not_say_what_it_took_is_estimated_by_its_mission(t
     campaign(tmp_path, Wish("1", "scenario-3", "thesis", "ideal"))
     (path,) = tmp_path.glob("*/*/*/mqttxt/*/manifest.json")
     write_json(path, {name: value for name, value in read_json(path).items() if name != "took_s"})
-    events = '{"t_ns": 0, "event": "mission_start"}\n{"t_ns": 30000000000, "event": "mission_end"}\n'
+    events = (
+        '{"t_ns": 0, "event": "mission_start", "scenario": "scenario-3", "drones": [1]}\n'
+        '{"t_ns": 30000000000, "event": "mission_end", "status": "completed"}\n'
+    )
     (path.parent / "events.jsonl").write_text(events)
     assert Durations(tmp_path).of(plan, "mqttxt") == 70.0
 

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from requests.exceptions import ConnectionError as RequestsConnectionError
 
 from testbed.errors import ContainerDied, DockerError, FleetError
 from testbed.fly import containers, daemon, only_run
@@ -80,6 +81,53 @@ def test_one_request_tells_whether_all_are_alive(monkeypatch: pytest.MonkeyPatch
 def test_a_command_that_Docker_lost_sight_of_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     fleet, _ = _containers(monkeypatch, [b"a\n"], None)
     with pytest.raises(DockerError, match="gs: lost touch with mission, which still runs"):
+        list(fleet.execute("gs", ["mission"], limit_s=60))
+
+
+@pytest.mark.parametrize(
+    ("asked", "words", "status"),
+    [
+        ("output", ("gs", ["true"]), "running"),
+        ("stop", ("gs",), "running"),
+        ("save_logs", (Path("logs"),), "running"),
+        ("usage", (), "running"),
+        ("last_words", ("gs",), "exited"),
+        ("versions", (), "running"),
+        ("start", (), "running"),
+    ],
+)
+def test_a_docker_that_is_lost_within_a_request_is_a_docker_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str, words: tuple[object, ...], status: str
+) -> None:
+    """The client's own error is an OSError, which would end the run as a full disk does."""
+
+    def lost(*_: object, **__: object) -> None:
+        raise RequestsConnectionError("Connection aborted.")
+
+    container = SimpleNamespace(
+        **dict.fromkeys(("exec_run", "stop", "logs", "stats"), lost),
+        id="1",
+        labels={containers.SERVICE_LABEL: "gs"},
+        status=status,
+        attrs={"State": {"Health": {"Status": "starting"}}, "Config": {"Healthcheck": {"Test": ["CMD", "true"]}}},
+    )
+    client = SimpleNamespace(containers=SimpleNamespace(list=lambda **_: [container]), version=lost)
+    fleet = Containers.__new__(Containers)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(fleet, "_client", client, raising=False)
+    monkeypatch.setattr(fleet, "_timeout_s", 1.0, raising=False)
+    monkeypatch.setattr(fleet, "up", lambda *_: None)
+    with pytest.raises(DockerError, match=r"^Docker does not answer: Connection aborted\.$"):
+        getattr(fleet, asked)(*words)
+
+
+def test_a_docker_that_is_lost_as_a_command_begins_is_a_docker_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(*_: object, **__: object) -> None:
+        raise RequestsConnectionError("Connection aborted.")
+
+    fleet, _ = _containers(monkeypatch, [], 0)
+    monkeypatch.setattr(_Exec, "exec_create", lost)
+    with pytest.raises(DockerError, match=r"^Docker does not answer: Connection aborted\.$"):
         list(fleet.execute("gs", ["mission"], limit_s=60))
 
 

@@ -135,6 +135,13 @@ def test_a_log_that_is_missing_or_damaged_is_an_error(attempt: Attempt, topics: 
         against(attempt)
 
 
+def test_a_log_of_another_px4_whose_topics_have_other_fields_is_an_error(attempt: Attempt) -> None:
+    (path,) = (attempt.path / "sitl").glob("*/*/*.ulg")
+    path.write_bytes(path.read_bytes().replace(b" landed;", b" ground;"))
+    with pytest.raises(ResultsError, match="vehicle_land_detected: expected timestamp and landed, as PX4 logs them"):
+        against(attempt)
+
+
 def test_events_without_clocks_cannot_be_compared(attempt: Attempt) -> None:
     told = [event for event in events_of(Flight()) if event["event"] != "clock"]
     _write_events(attempt.path, told)

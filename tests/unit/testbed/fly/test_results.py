@@ -13,6 +13,7 @@ from testbed.fly.results import (
     new_series,
     open_series,
     point_latest,
+    read_json,
     read_json_lines,
     write_json,
 )
@@ -56,6 +57,14 @@ def test_a_results_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
         new_series(tmp_path / "file", "scenario-1", "thesis", "ideal")
 
 
+@pytest.mark.parametrize("profile", ["a:b", "a\nb"])
+def test_a_results_folder_that_docker_cannot_mount_is_refused_in_one_line(tmp_path: Path, profile: str) -> None:
+    """The name is that of a profile's or a fleet's file."""
+    with pytest.raises(UserError, match=r"^results folder '.*thesis-a.*b': expected no ':' and no control character"):
+        new_series(tmp_path, "scenario-1", "thesis", profile)
+    assert not list(tmp_path.iterdir())
+
+
 def test_events_are_read_up_to_a_line_that_was_cut_off(tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     path.write_text('{"t_ns": 1, "event": "a"}\n{"t_ns": 2, "event": "b"}\n{"t_ns"')
@@ -77,6 +86,22 @@ def test_what_is_no_attempt_is_passed_over(tmp_path: Path) -> None:
     (series.path / "mqttxt" / "attempt-x").mkdir()
     (series.path / "mqttxt" / "attempt-02").touch()
     assert [attempt.number for attempt in series.attempts()] == [1]
+
+
+def test_two_that_write_a_file_at_once_leave_a_whole_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As two reports of one series."""
+    path, replace, written = tmp_path / "metrics.json", Path.replace, list[str]()
+
+    def replaced(self: Path, target: Path) -> Path:
+        if not written:
+            written.append("by the other")
+            write_json(path, {"by": "the other"})
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", replaced)
+    write_json(path, {"by": "this one"})
+    assert read_json(path) == {"by": "this one"}
+    assert [one.name for one in tmp_path.iterdir()] == ["metrics.json"]
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:

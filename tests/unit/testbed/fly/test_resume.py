@@ -130,6 +130,15 @@ def test_what_was_found_void_when_measured_is_flown_again_with_its_pair(series: 
     assert manifest_of(series, "mqttxt/attempt-01")["reason"] == "mavlink was void in the same attempt"
 
 
+def test_what_was_reported_while_it_was_flown_counts_once_it_is_complete(series: Series) -> None:
+    cut, paired = "the run was cut off", "mavlink was void in the same attempt"
+    sides = {"mavlink": {"attempts": [], "void": [{"attempt": 1, "reason": cut}]}}
+    sides["mqttxt"] = {"attempts": [], "void": [{"attempt": 1, "reason": paired}]}
+    write_json(series.path / METRICS, {"protocols": sides})
+    assert go_on(series, plan_of(1)) == []
+    assert [manifest_of(series, f"{side}/attempt-01")["status"] for side in sides] == ["completed"] * 2
+
+
 def test_a_series_is_measured_when_its_metrics_know_every_attempt(series: Series) -> None:
     assert not is_measured(series)
     side: dict[str, Any] = {"attempts": [{"attempt": 1, "repeat": 0}], "void": []}

@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import signal
+import time
 from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
@@ -150,6 +151,25 @@ def test_before_each_repeat_it_is_waited_for_a_quieter_machine_and_the_manifest_
     ]
     assert [(host.get("waited_s"), host.get("idle")) for host in hosts] == [(None, None), (2.0, 0.9), (2.0, 0.9)]
     assert "waiting until 60% of the processors are idle, 300 s at most" in str(progress.said)
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_clock_that_is_set_forward_in_flight_makes_the_attempt_void(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    class Jumps(Fleet):
+        def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+            code = yield from super().execute(service, command, limit_s=limit_s)
+            if len(self.profiles) == 1:
+                now_ns = time.time_ns
+                monkeypatch.setattr(time, "time_ns", lambda: now_ns() + 3_600_000_000_000)
+            return code
+
+    path, endings, _ = _fly(tmp_path, Jumps([TAKEOFF, "mission: denied"], code=code))
+    first = Series(path).attempts()[0].manifest()
+    assert first["status"] == "void"
+    assert first["reason"].startswith("the machine's clock was set forward, or the machine was suspended, by 3600.0")
+    assert endings == [Verdict("failed", ("denied",)) if code else Verdict("completed")]
 
 
 def test_a_flight_whose_log_says_otherwise_is_void(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -399,6 +419,33 @@ def test_a_docker_that_is_lost_in_flight_counts_against_nobody_and_the_attempt_i
     cut, _ = (attempt.manifest() for attempt in Series(path).attempts())
     assert cut["status"] == "void"
     assert cut["reason"] == "the run was cut off: gs: lost touch with python, which still runs"
+
+
+def test_a_docker_that_is_lost_in_each_flight_ends_the_series_after_three_and_says_why(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF], raises=DockerError("gs: lost touch with python, which still runs"))
+    said = (
+        r"mavlink/attempt-01-repeat-2: the run was cut off: gs: lost touch with python.*, in the last of its repeats$"
+    )
+    with pytest.raises(DockerError, match=said):
+        _fly(tmp_path, fleet, attempts="2", protocols="mavlink")
+    assert fleet.profiles == ["mavlink"] * 3
+
+
+@pytest.mark.parametrize(("code", "status"), [(1, "failed"), (0, "void")])
+def test_a_docker_that_cannot_end_the_fleet_takes_no_failure_from_its_mission(
+    tmp_path: Path, code: int, status: str
+) -> None:
+    class Left(Fleet):
+        def down(self) -> None:
+            super().down()
+            if self.did.count("down") == 2:
+                raise DockerError("compose down: did not end within 200 s")
+
+    denied = "scenario-1 failed: arm: drone 3: denied"
+    path, _, _ = _fly(tmp_path, Left([TAKEOFF, f"mission: {denied}"], code=code))
+    first = Series(path).attempts()[0].manifest()
+    assert first["status"] == status
+    assert first["reason"] == (denied if code else "the run was cut off: compose down: did not end within 200 s")
 
 
 def test_a_failed_mission_whose_captures_dropped_packets_is_void_as_a_completed_one_is(tmp_path: Path) -> None:

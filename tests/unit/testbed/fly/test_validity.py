@@ -27,6 +27,7 @@ from testbed.fly.validity import (
 
 LATE = "the emulator did not keep up"
 SLOW = "uav1: the autopilot's clock ran at 0.70 of the time"
+FORWARD = "the machine's clock was set forward, or the machine was suspended, by 3600.000 s during the attempt"
 DENIED = "arm: drone 3: denied"
 DOCKER_GONE = cut_off(DockerError("Docker does not answer"))
 
@@ -45,6 +46,12 @@ DOCKER_GONE = cut_off(DockerError("Docker does not answer"))
         (Observed(flights=(SLOW,)), Verdict("void", (SLOW,))),
         (Observed(failure=DENIED, off_links=(LATE,)), Verdict("void", (LATE,), DENIED)),
         (Observed(failure=DENIED, flights=(SLOW,)), Verdict("void", (SLOW,), DENIED)),
+        (Observed(clock_set=3600.0), Verdict("void", (FORWARD,))),
+        (Observed(failure=DENIED, clock_set=3600.0), Verdict("void", (FORWARD,), DENIED)),
+        (
+            Observed(clock_set=-2.5),
+            Verdict("void", ("the machine's clock was set back by 2.500 s during the attempt",)),
+        ),
         (Observed(failure=DENIED, dropped={"gs": 3}), Verdict("void", ("captures dropped packets: gs 3",), DENIED)),
         # the run's own end counts against nobody
         (Observed(failure=INTERRUPTED, off_links=(LATE,)), Verdict("void", (INTERRUPTED,))),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from testbed.errors import ResultsError
-from testbed.fly.results import Series, new_series, write_json
+from testbed.fly.results import Series, new_series, read_json, write_json
 from testbed.numbers.metrics import measure_series
 from tests.handmade.attempts import SECOND, T0, frame, make_attempt, write_pcap
 
@@ -28,6 +28,26 @@ def series(tmp_path: Path) -> Series:
         ("manifest.json", '{"version": 1', "mqttxt/attempt-02/manifest.json: not JSON"),
         ("manifest.json", '{"version": 0}', "mqttxt/attempt-02/manifest.json: version is 0, expected 1"),
         ("events.jsonl", "{}\n", "mqttxt/attempt-02/events.jsonl, line 1: expected an event with t_ns"),
+        (
+            "events.jsonl",
+            '{"t_ns": 1, "event": "command", "command": "arm"}\n',
+            "mqttxt/attempt-02/events.jsonl, line 1: command: call is missing, as of another version",
+        ),
+        (
+            "events.jsonl",
+            '{"t_ns": 1, "event": "mission_start", "scenario": "scenario-1", "drones": null}\n',
+            "mqttxt/attempt-02/events.jsonl, line 1: mission_start: drones is None, as of another version",
+        ),
+        (
+            "sitl/uav1.jsonl",
+            '{"t_ns": "now", "event": "disarmed"}\n',
+            "mqttxt/attempt-02/sitl/uav1.jsonl, line 1: t_ns is 'now', expected nanoseconds",
+        ),
+        (
+            "sitl/uav1.jsonl",
+            f'{{"t_ns": {T0 + 10**15}, "event": "disarmed"}}\n',
+            "mqttxt/attempt-02: a mission of 1000000 s, expected at most 86400 s",
+        ),
         ("pcap/gs.pcap", "no capture", "mqttxt/attempt-02/pcap/gs.pcap: not a capture: it begins with b'no c'"),
         ("pcap/captures.json", "{}", "mqttxt/attempt-02/pcap/captures.json: expected a list of captures"),
     ],
@@ -46,6 +66,32 @@ def test_an_attempt_that_cannot_be_read_is_void_and_the_others_are_measured(
     assert void["attempt"] == 2
     assert void["reason"].startswith(said)
     assert len(void["reason"].splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (("nodes", 0, "address"), "10.0.0", "topology: expected nodes with their addresses, and links"),
+        (("nodes", 0), {}, "topology: expected nodes with their addresses, and links (KeyError('name'))"),
+        (
+            ("links", 0, "upper"),
+            "mars",
+            "topology: link 'wan:gs': expected CLASS:NODE, and both of its ends among the nodes",
+        ),
+    ],
+)
+def test_a_manifest_with_another_topology_is_void(
+    series: Series, place: tuple[int | str, ...], value: object, said: str
+) -> None:
+    path = make_attempt(series, number=2).path / "manifest.json"
+    changed = read_json(path)
+    at = changed["topology"]
+    for step in place[:-1]:
+        at = at[step]
+    at[place[-1]] = value
+    write_json(path, changed)
+    (void,) = measure_series(series)["protocols"]["mqttxt"]["void"]
+    assert void["reason"].startswith(f"mqttxt/attempt-02/manifest.json: {said}")
 
 
 def test_a_failed_attempt_whose_captures_are_no_captures_stays_failed(series: Series) -> None:

@@ -166,6 +166,25 @@ def test_what_pymavlink_leaves_out_of_common_xml_has_its_name(
     assert of_messages(found, [1]).to_list() == [purpose] * 3
 
 
+@pytest.mark.parametrize(
+    ("name", "from_drone", "from_station"),
+    [
+        ("MISSION_ITEM_INT", "result", "command"),
+        ("MISSION_ACK", "result", "command"),
+        ("LOG_DATA", "result", "command"),
+        ("FILE_TRANSFER_PROTOCOL", "result", "command"),
+        ("MISSION_CURRENT", "state", "state"),
+        ("MISSION_ITEM_REACHED", "state", "state"),
+    ],
+)
+def test_what_carries_a_mission_or_a_log_is_of_the_command_and_its_result(
+    name: str, from_drone: str, from_station: str
+) -> None:
+    told = {"kind": [name] * 2, "protocol": ["mavlink"] * 2, "system": [1, 245], "command": [None] * 2}
+    found = pl.DataFrame(told | {"topic": [None] * 2}, schema_overrides={"command": pl.Int64, "topic": pl.String})
+    assert of_messages(found, [1]).to_list() == [from_drone, from_station]
+
+
 def test_a_datagram_that_is_no_mavlink_is_udp(series: Series) -> None:
     chain = Chain()
     for number, body in enumerate((b"", b"\xfd", b"\xfd\x09" + bytes(10), b"hello, world")):

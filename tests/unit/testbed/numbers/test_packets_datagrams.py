@@ -10,6 +10,7 @@ from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery
 from mqttxt.protocol.values import Encoding
 from testbed.fly.results import Series
+from testbed.numbers.metrics.timeline import retransmissions
 from testbed.numbers.metrics.traffic import count_links
 from testbed.numbers.metrics.window import Window
 from testbed.numbers.packets import load
@@ -18,6 +19,7 @@ from tests.handmade.attempts import NODES, SECOND, T0, make_attempt, write_pcap
 from tests.handmade.mavlink_attempts import udp_frame
 
 IDS = TopicIds()
+PORTS = (50_000, 1883)
 STATE, WORD, COMMANDS = "drone1/state/battery", "drone1/commands_result/arm", "drone1/commands"
 
 
@@ -53,6 +55,20 @@ def test_a_repetition_is_a_copy_that_may_be_the_one_that_arrives() -> None:
     found = read_datagrams([sent])
     assert [(packet.row, packet.left_ns, packet.copies) for packet in found.packets] == [(0, 50, 3), (3, 1, 1)]
     assert set(found.carried) == {1, 2}
+    assert found.repeated == {1: False, 2: True}
+
+
+def test_a_repetition_is_a_retransmission_as_of_tcp(series: Series) -> None:
+    attempt = make_attempt(series)
+    frames = [
+        udp_frame(NODES["uav1"], NODES["fog1"], packets.encode(message(WORD, b"w", 7, dup=number > 0)), number, PORTS)
+        for number in range(3)
+    ]
+    write_pcap(attempt.path / "pcap" / "uav1.pcap", [(T0 + number, frame) for number, frame in enumerate(frames)])
+    write_pcap(attempt.path / "pcap" / "fog1.pcap", [(T0 + 1000 + number, frames[number]) for number in (1, 2)])
+    found = retransmissions(load(attempt), Window(T0, T0 + SECOND, T0))
+    size = len(frames[1])
+    assert found == {"packets": 2, "bytes": 2 * size, "needless": 1, "links": {"air:uav1:up": 2}}
 
 
 def test_messages_together_are_told_apart_and_one_in_pieces_ends_in_the_last() -> None:

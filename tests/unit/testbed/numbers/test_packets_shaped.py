@@ -160,6 +160,8 @@ def test_messages_are_for_what_their_protocols_say(series: Series) -> None:
         ("drone2/init_connect", "upkeep"),
         ("drone2/sensor3/temperature", "sensor"),
         ("drone2/sensor_ack", "acknowledgement"),
+        ("fog1/drone2/bulk", "command"),
+        ("drone2/bulk_answer", "result"),
         ("someone/elses", "other"),
         ("", "other"),
         (None, "other"),

@@ -343,6 +343,8 @@ def test_a_mission_of_ones_own_is_called_after_its_file(tmp_path: Path) -> None:
         ("none.py", "none.py: expected a Python file with `async def mission(fleet, steps)`"),
         ("My mission.py", "expected a name of lower-case letters, digits, - and _ that no scenario has"),
         ("scenario-1.py", "expected a name of lower-case letters, digits, - and _ that no scenario has"),
+        ("links.py", "expected a name of lower-case letters, digits, - and _ that no scenario has, nor links, repro"),
+        ("two\nlines.py", "expected a name of lower-case letters, digits, - and _ that no scenario has"),
     ],
 )
 def test_a_mission_that_is_none_is_named(tmp_path: Path, name: str, said: str) -> None:
@@ -350,8 +352,9 @@ def test_a_mission_that_is_none_is_named(tmp_path: Path, name: str, said: str) -
         (tmp_path / name).touch()
     with pytest.raises(UserError) as error:
         make_plan(str(tmp_path / name))
-    assert str(error.value).startswith(str(tmp_path / name))
+    assert str(error.value).lstrip("'").startswith(repr(str(tmp_path / name)).strip("'"))
     assert said in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,9 @@ WHAT = "expected a Python file with `async def mission(fleet, steps)`"
         (b"async def mission(fleet, steps)\n", ", line 1: expected ':'"),
         (b"\xff\xfe", "(unicode error) 'utf-8' codec can't decode byte 0xff"),
         (b"x = '\0'\n", "null bytes"),
+        (b"# -*- coding: nope -*-\n", ": unknown encoding: nope"),
+        (b"x = " + b"-" * 200_000 + b"1\n", f": {WHAT}: nested too deep"),
+        (b"async def mission(fleet, steps, *, lake): ...\n", f", line 1: {WHAT}"),
     ],
 )
 def test_what_cannot_be_a_mission_is_one_line_with_its_place(tmp_path: Path, text: bytes, said: str) -> None:

@@ -157,6 +157,14 @@ def test_seeds_are_of_experiment_link_and_attempt() -> None:
             "own.yaml: events[0].every: '0s': expected more than 0",
         ),
         (
+            "link: air, every: 2us, for: 1us, change: {closed: true}",
+            "own.yaml: events[0].every: '2us': expected at least 100ms",
+        ),
+        (
+            "link: air, bursts: {share: 90%, shortest: 1ms, longest: 1ms}, change: {closed: true}",
+            "own.yaml: events[0].bursts.share: '90%': expected at most a burst every 100ms on average, or longer ones",
+        ),
+        (
             "link: air, bursts: {share: 0%, shortest: 100ms, longest: 200ms}, change: {closed: true}",
             "own.yaml: events[0].bursts.share: '0%': expected a share of time above 0%, at most 90%",
         ),

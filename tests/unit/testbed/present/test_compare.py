@@ -60,8 +60,10 @@ def test_another_fleet_is_named_with_the_drones_of_each_fog(tmp_path: Path, firs
     links = [{"name": f"air:{uav}", "lower": uav, "upper": fog} for fog, uavs in fogs.items() for uav in uavs]
     links.append({"name": "wan:gs", "lower": "gs", "upper": "cloud"})
     entries = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
+    names = ("gs", "cloud", *fogs, *(uav for uavs in fogs.values() for uav in uavs))
+    nodes = [{"name": name, "address": f"198.18.{place}.3"} for place, name in enumerate(names)]
     size = {"fogs": 2, "drones": 3}
-    other = result("B", tmp_path, *entries, configuration=size, topology={"nodes": [], "links": links})
+    other = result("B", tmp_path, *entries, configuration=size, topology={"nodes": nodes, "links": links})
     assert compare.sentences(first, other)[0] == "They differ in fleet."
     fleet = next(c for c in compare.conditions(first, other) if c.name == "fleet")
     assert fleet.second == "three drones on two fogs (2, 1)"

@@ -64,6 +64,10 @@ def test_a_logarithmic_scale_has_whole_decades(values: list[float], bounds: tupl
     assert axes.log_bounds(values) == bounds
 
 
+def test_a_scale_without_extent_maps_its_only_value_to_the_start() -> None:
+    assert axes.Scale(0.0, 0.0, 10.0, 90.0)(0.0) == 10.0
+
+
 def test_steps_are_round() -> None:
     assert [value for value, _ in axes.steps(64, str, 5)] == [0, 20, 40, 60]
     assert [value for value, _ in axes.steps(0.5, str, 5)] == [0, 0.1, 0.2, 0.30000000000000004, 0.4, 0.5]

@@ -152,6 +152,9 @@ def test_none_that_counts_is_said(tmp_path: Path) -> None:
     assert finding(measure_series(made)) == "Over MQTT-XT the only attempt failed (denied)."
 
 
-@pytest.mark.parametrize(("value", "shown"), [(None, "–"), (1.234, "1.23 ms"), (123.4, "123 ms"), (7104.0, "7.10 s")])
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(None, "–"), (1.234, "1.23 ms"), (9.996, "10 ms"), (123.4, "123 ms"), (999.6, "1.00 s"), (7104.0, "7.10 s")],
+)
 def test_delays_have_sensible_digits(value: float | None, shown: str) -> None:
     assert words.milliseconds(value) == shown

@@ -56,6 +56,11 @@ def test_the_newest_finished_series_of_a_cell_counts(tmp_path: Path) -> None:
     assert only_cell(tmp_path).name == "scenario-1/thesis-ideal/20260102T000000Z"
 
 
+def test_a_mission_without_a_length_is_not_judged(tmp_path: Path) -> None:
+    finished(tmp_path, [attempt("mqttxt")], [attempt("mavlink", mission_s=0.0)])
+    assert {said for heading, said in judged(only_cell(tmp_path)).items() if heading.startswith("missions")} == {"–"}
+
+
 def test_a_series_of_both_counts_before_a_newer_one_of_one_side(tmp_path: Path) -> None:
     finished(tmp_path, *both(), name="20260101T000000Z")
     finished(tmp_path, [attempt("mqttxt")], [], name="20260102T000000Z")

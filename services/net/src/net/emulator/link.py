@@ -5,8 +5,8 @@ reordering. Frames that wait for their delay do not fill the queue.
 
 A frame leaves the rate stage when its last bit is sent: `size * 8 / rate` after its arrival or after the frame before.
 Loss, duplication, corruption and reordering are drawn for each frame, with netem's meaning (sch_netem.c): a copy has
-its own delay and draws, a frame that is both lost and duplicated passes once, a frame chosen by `reorder` skips its
-delay.
+its own delay and draws, a frame that is both lost and duplicated passes once and counts as neither, a frame chosen by
+`reorder` skips its delay.
 """
 
 from __future__ import annotations
@@ -149,13 +149,11 @@ class Link:
         fate = PASS
         lost = self._loss > 0.0 and draw() < self._loss
         doubled = self._duplicate > 0.0 and draw() < self._duplicate
-        if doubled:
-            counters.duplicated += 1
-        if lost:
+        if lost and not doubled:
             counters.random += 1
-            if not doubled:
-                return max(sent_ns, self._last_ns), DROP
-        elif doubled:
+            return max(sent_ns, self._last_ns), DROP
+        if doubled and not lost:
+            counters.duplicated += 1
             fate |= DUPLICATE
         if self._corrupt and draw() < self._corrupt:
             counters.corrupted += 1

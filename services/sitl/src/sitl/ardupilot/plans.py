@@ -90,9 +90,11 @@ class CopterPlanLink(PlanLink):
         return [ack(upload.partner, CANCELLED, upload.kind)]
 
     def count(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        if message.mission_type not in self.most:
+            return [ack(partner, UNSUPPORTED, message.mission_type)]
         if self._upload is not None and partner != self._upload.partner:
             return [ack(partner, DENIED, message.mission_type)]
-        if message.count > self.most.get(message.mission_type, 0):
+        if message.count > self.most[message.mission_type]:
             return [ack(partner, NO_SPACE, message.mission_type)]
         self._write(message.mission_type, self._plans.items[message.mission_type][: message.count])
         return self._begin(message, partner, now_s)
