@@ -8,6 +8,7 @@ import time
 import pytest
 
 from mqttxt import Arm, Command, Disarm, Drone, Goto, Hold, Land, Offboard, Outcome, Return, Takeoff, Velocity, Word
+from mqttxt.protocol.states import FlightMode, FlightModeName
 from tests.rigs.commanding import armable, fly, is_armable, start
 from tests.rigs.processes import eventually
 from tests.rigs.px4 import FOLDER, HOLD, LAND, OFFBOARD, RETURN, TAKEOFF
@@ -29,6 +30,11 @@ FLIGHTS: dict[str, tuple[Command, tuple[int, int]]] = {
     "return": (Return(), RETURN),
     "offboard": (SOUTHWARDS, OFFBOARD),
 }
+
+
+def shown_mode(drone: Drone) -> FlightModeName | None:
+    known = drone.state(FlightMode)
+    return known.state.mode if known is not None else None
 
 
 async def _begin(flight: Flight, drone: Drone, name: str) -> tuple[list[Outcome], asyncio.Task[None]]:
@@ -58,6 +64,23 @@ async def test_a_takeoff_while_disarmed_does_not_climb_with_the_next_arm(flight:
     assert (flight.pilot.mode, flight.pilot.landed) == (HOLD, True)
     assert flight.pilot.highest_m - ground_m < 1.0
     await fly(drone, Disarm())
+
+
+@pytest.mark.parametrize("name", ["land", "return"])
+async def test_an_arm_that_puts_it_into_hold_first_does_not_undo_a_newer_mode(
+    flight: Flight, drone: Drone, name: str
+) -> None:
+    newer, mode = FLIGHTS[name]
+    flight.pilot.set_mode(TAKEOFF)
+    await eventually(lambda: flight.pilot.mode == TAKEOFF, "an armed drone would climb")
+    await eventually(lambda: shown_mode(drone) is FlightModeName.TAKEOFF, "the UAV client knows")
+    arm, last = await asyncio.gather(drone.send(Arm()), drone.send(newer))
+    assert (arm.word, arm.reason) in [(Word.DENIED, "mode_changed"), (Word.FAILED, "mode_changed")]
+    assert last.word is not Word.DENIED
+    await eventually(lambda: flight.pilot.mode == mode, f"{name} is the mode")
+    await asyncio.sleep(1.5)  # in which a hold of the arm would be written three times
+    assert (flight.pilot.mode, flight.pilot.armed) == (mode, False)
+    await fly(drone, Hold())
 
 
 async def test_hold_stops_a_goto_and_stays(flight: Flight, drone: Drone) -> None:
