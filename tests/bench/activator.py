@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import tempfile
 import time
 from contextlib import ExitStack
@@ -21,7 +22,7 @@ from testbed.numbers.packets.signed import inside
 from tests.bench.brokers import BenchBroker, TwoWayBroker, cpu_s, rss_mb
 from tests.bench.fleet import FIVE, Fleet
 from tests.bench.raw_mqtt import RawClient
-from tests.rigs.processes import Process, eventually
+from tests.rigs.processes import Program, eventually
 
 DRONES_A_FOG = 250
 """As many as there are MAVLink system ids."""
@@ -104,16 +105,13 @@ async def relay_secured(drones: int, hz: float, security: str) -> Relayed:
         is_signed = security == "signed"
         identity = ["--identity", str(authority.issue("fog1")), *(["--signed"] if is_signed else [])]
         brokers = ["--cloud", cloud.tls_url, "--fog-broker", fog.tls_url, "--fog-root", "f1/"]
-        ready = ["--ready-file", str(folder / "activator.ready")]
         numbers = range(1, drones + 1)
         seals = {number: seal_of(authority.issue(f"drone{number}")) for number in (numbers if is_signed else ())}
         station = await _Station.at(cloud, stack)
-        process = Process(folder, "activator", "mqttxt", "activator", "--fog", "1", *brokers, *identity, *ready).start()
-        stack.callback(process.stop)
-        await asyncio.to_thread(process.wait_ready)
+        pid = await _activator(folder, stack, 1, *brokers, *identity)
         rights = Rights(None, take_over=True, observe=True)
         await station.register(seal_of(authority.issue("gs-bench", rights)) if is_signed else None)
-        return await _relayed([Fleet(fog.port, numbers, "f1/", seals=seals)], station, hz, [process.pid])
+        return await _relayed([Fleet(fog.port, numbers, "f1/", seals=seals)], station, hz, [pid])
 
 
 async def relay_by_activators(fogs: int, drones: int, hz: float, bundles: bool = False) -> Relayed:
@@ -122,17 +120,13 @@ async def relay_by_activators(fogs: int, drones: int, hz: float, bundles: bool =
         folder = Path(name)
         cloud, fog = _started(folder, stack, "cloud"), _started(folder, stack, "fog")
         station = await _Station.at(cloud, stack)
-        processes, fleets = [], []
+        pids, fleets = [], []
         for number in range(1, fogs + 1):
-            ready = ["--ready-file", str(folder / f"activator{number}.ready")]
-            options = ["--fog", str(number), "--cloud", cloud.url, "--fog-broker", fog.url, "--fog-root", f"f{number}/"]
-            process = Process(folder, f"activator{number}", "mqttxt", "activator", *options, *ready).start()
-            stack.callback(process.stop)
-            await asyncio.to_thread(process.wait_ready)
+            options = ["--cloud", cloud.url, "--fog-broker", fog.url, "--fog-root", f"f{number}/"]
+            pids.append(await _activator(folder, stack, number, *options))
             await station.register(None, number, bundles)
-            processes.append(process)
             fleets.append(Fleet(fog.port, range(1, drones + 1), f"f{number}/", bundles))
-        return await _relayed(fleets, station, hz, [process.pid for process in processes])
+        return await _relayed(fleets, station, hz, pids)
 
 
 async def relay_by_bridge(drones: int, hz: float) -> Relayed:
@@ -148,6 +142,16 @@ async def relay_by_bridge(drones: int, hz: float) -> Relayed:
 def seal_of(folder: Path) -> Seal:
     """The seal of the node whose identity is in a folder."""
     return Seal(Identity.load(folder))
+
+
+async def _activator(folder: Path, stack: ExitStack, fog: int, *options: str) -> int:
+    """Start a fog's activator; returns its process id once it is ready. No fork: its memory is its own."""
+    ready = folder / f"activator{fog}.ready"
+    command = [sys.executable, "-m", "mqttxt", "activator", "--fog", str(fog), "--ready-file", str(ready), *options]
+    process = Program(folder, f"activator{fog}", *command).start()
+    stack.callback(process.stop)
+    await eventually(ready.exists, f"activator {fog} ready")
+    return process.pid
 
 
 def _started(folder: Path, stack: ExitStack, name: str, more: str = "") -> BenchBroker:
