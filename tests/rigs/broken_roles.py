@@ -450,11 +450,10 @@ def activator_copies_the_expiry() -> None:
 
 def activator_stamps_on_arrival() -> None:
     def make(original: Any) -> Any:
-        def relay(self: Any, link: Any, name: str, now_ms: int) -> Any:
-            known = link.states[name]
-            if link.said_ms(name, now_ms) is not None:
+        def relay(self: Any, link: Any, known: Any, now_ms: int, out: Any) -> Any:
+            if link.said_ms(known, now_ms) is not None:
                 known.said_ms = known.received_ms
-            return original(self, link, name, now_ms)
+            return original(self, link, known, now_ms, out)
 
         return relay
 
@@ -522,7 +521,7 @@ def activator_believes_every_will() -> None:
 
 def activator_names_no_holder() -> None:
     def make(original: Any) -> Any:
-        return lambda self, number, lease: original(self, number, replace(lease, holder=None))
+        return lambda self, link, lease: original(self, link, replace(lease, holder=None))
 
     wrap(Drones, "_publish_lease", make)
 

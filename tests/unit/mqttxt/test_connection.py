@@ -17,6 +17,7 @@ import pytest
 from mqttxt import GroundStation
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Inbound, Subscribe
+from mqttxt.core.mqtt import client as client_module
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import link as mqtt_module
 from mqttxt.core.mqtt import outgoing
@@ -267,7 +268,11 @@ async def test_a_role_that_fails_on_a_message_hears_the_next_ones() -> None:
         b"\xe0\x01\xee",
     ],
 )
-async def test_bytes_that_are_not_mqtt_end_the_connection_and_nothing_else(garbage: bytes) -> None:
+async def test_bytes_that_are_not_mqtt_end_the_connection_and_nothing_else(
+    garbage: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (client_module, connection_module):  # nor does a broker that answers no ping
+        monkeypatch.setattr(module, "KEEPALIVE_S", 600)
     reported: list[dict[str, Any]] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: reported.append(context))
     async with Server() as server, linked(server) as (_, heard):

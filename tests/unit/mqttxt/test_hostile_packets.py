@@ -9,6 +9,7 @@ import pytest
 
 from mqttxt.core.effects import Inbound
 from mqttxt.core.mqtt import aliases as aliases_module
+from mqttxt.core.mqtt import client as client_module
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import outgoing
 from mqttxt.core.mqtt.buffered import Buffered
@@ -104,13 +105,17 @@ async def test_a_topic_that_is_none_is_counted_and_acknowledged_and_the_next_one
 
 
 @pytest.mark.parametrize(
-    "packet", [publish("t", b"x", qos=1, mid=3), b"\xc0\x00", b"\x62\x02\0\x03"], ids=["QoS 1", "PINGREQ", "PUBREL"]
+    "packet",
+    [publish("t", b"x", qos=1, mid=3), b"\xc0\x00", b"\x62\x02\0\x03", b"\x40\x02\x80\0"],
+    ids=["QoS 1", "PINGREQ", "PUBREL", "PUBACK"],
 )
 async def test_a_broker_that_does_not_read_the_answers_that_it_asks_for_is_given_up(
     packet: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They would fill the memory."""
+    """They would fill the memory, and so would the messages that its acknowledgements make room for."""
     monkeypatch.setattr(outgoing, "MOST_HELD", 10)
+    for module in (client_module, connection_module):  # no missing answer to a ping ends it
+        monkeypatch.setattr(module, "KEEPALIVE_S", 600)
     async with Server() as server, linked(server) as (link, heard):
         (session,) = server.sessions
         session.reads.clear()

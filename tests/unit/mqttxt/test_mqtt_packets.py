@@ -1,8 +1,9 @@
-"""PUBLISH at QoS 0 as it passes paho by: written so that a broker reads it, read as paho reads it, however it comes."""
+"""PUBLISH as it passes paho by: written so that a broker reads it, read as paho reads it, however it comes."""
 
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 from hypothesis import example, given
@@ -15,7 +16,7 @@ from mqttxt.core.mqtt.packets import PINGREQ, end_of, message_of
 from mqttxt.core.mqtt.properties import LARGEST_PACKET
 from tests.examples import examples
 from tests.rigs import mqtt_server
-from tests.rigs.linked import linked, state
+from tests.rigs.linked import RECEIVE_MAXIMUM_2, linked, state
 from tests.rigs.mqtt_server import DISCONNECT, PUBLISH, Packet, Server, encoded, variable_length
 from tests.rigs.processes import eventually
 
@@ -148,3 +149,12 @@ async def test_who_speaks_and_is_spoken_to_asks_nothing() -> None:
             await asyncio.sleep(0.1)
         assert len(heard.messages) == 30
         assert PINGREQ not in [encoded(packet) for packet in session.packets]
+
+
+async def test_a_message_that_cannot_be_encoded_takes_no_packet_id() -> None:
+    async with Server(RECEIVE_MAXIMUM_2) as server, linked(server) as (link, heard):
+        for number in range(2):
+            with pytest.raises(OverflowError):
+                link.publish(replace(state("armed", qos=1, ref=number), expiry_s=2**32))
+        link.publish(state("armed", qos=1, ref="next"))
+        await eventually(lambda: heard.acknowledged == [("next", 0)], "the next one")

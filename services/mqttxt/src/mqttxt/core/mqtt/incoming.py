@@ -129,6 +129,7 @@ class Incoming:
             raise ValueError(f"{end - start} bytes that are no PUBLISH; expected at most {_LONGEST_OTHER}")
         elif came[start] & KIND == PUBACK:
             self.was_served = True
+            self._outgoing.owe_an_answer()  # the next waiting message
             self.note(self._outgoing.on_puback, *acknowledged(came, body, end))
         elif came[start] == PINGRESP:
             self.was_served = True

@@ -100,10 +100,10 @@ class Outgoing:
             sock.send(publish(effect, *self._aliases.shorten(effect.topic)))
         else:
             mid = self._unused_mid()
+            sock.send(publish(effect, effect.topic, None, mid))
             self._unacknowledged.add(mid)
             if effect.ref is not None:
                 self._refs[mid] = effect.ref
-            sock.send(publish(effect, effect.topic, None, mid))
         self.flush_soon()
         return 0
 

@@ -16,6 +16,8 @@ _EXPIRY, _ALIAS, _SUBSCRIPTION = 0x02, 0x23, 0x0B
 _FIXED_BYTES = {0x01: 1, _EXPIRY: 4}
 _STRINGS = {0x03: 1, 0x08: 1, 0x09: 1, 0x26: 2}
 """Properties of a PUBLISH (MQTT 5.0, 3.3.2.3): the bytes of those with a fixed length, the strings in the others."""
+_ACKNOWLEDGED = frozenset((0x00, 0x10, 0x80, 0x83, 0x87, 0x90, 0x91, 0x97, 0x99))
+"""The reason codes of a PUBACK (MQTT 5.0, 3.4.2.1)."""
 _LONGEST_HEADER = 5
 """Bytes: one for type and flags, and at most four for the length."""
 
@@ -89,7 +91,10 @@ def acknowledged(data: bytes, body: int, end: int) -> tuple[int, int]:
     """Packet id and reason code of a PUBACK; its properties are not read. Raises ValueError for a malformed one."""
     if end - body < 2:
         raise ValueError("a PUBACK without a packet id")
-    return data[body] << 8 | data[body + 1], data[body + 2] if end - body > 2 else 0
+    code = data[body + 2] if end - body > 2 else 0
+    if code not in _ACKNOWLEDGED:
+        raise ValueError(f"a PUBACK with the reason code {code:#x}")
+    return data[body] << 8 | data[body + 1], code
 
 
 def publish(message: Publish, topic: str, alias: int | None, mid: int | None = None) -> bytes:
