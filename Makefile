@@ -1,6 +1,6 @@
 ATTEMPTS ?= 1
 # How many tests run at a time: most of them wait most of their time.
-WORKERS ?= 6
+WORKERS ?= 8
 ARM ?= thesis
 PROFILE ?= ideal
 SHAPER ?= auto

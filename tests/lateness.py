@@ -3,10 +3,11 @@
 A process beside the tests sleeps in short steps and records when it woke up late: that is the machine's doing, not the
 code's. A test is run again if it fails in a way that lateness may cause, and the machine was late while the test ran or
 while one of its fixtures was set up (even for an earlier test of the file); or if its flight is Void. It then runs with
-new fixtures, beside no tests but those that give way (workers.py), at most TURNS times. A test with one of MARKS waits
-until the machine is quieter, and after its last turn it is neither passed nor failed but inconclusive: the last lines
-name it with its failure, and the very last one counts it. Any other test that fails in every turn has failed. A failure
-that lateness cannot cause counts at once.
+new fixtures, at most TURNS times: a worker's tests do so once it has no others left, beside no tests but those that
+give way (workers.py), and hold nobody up until then. A test with one of MARKS waits until the machine is quieter, and
+after its last turn it is neither passed nor failed but inconclusive: the last lines name it with its failure, and the
+very last one counts it. Any other test that fails in every turn has failed. A failure that lateness cannot cause counts
+at once.
 
 The sleeper does not see delays by a container or a disk. So a test with one of MARKS that fails beside others, in a way
 that lateness may cause, gets a second turn alone even if no lateness was seen. One of the last lines names the failure
@@ -27,12 +28,15 @@ from weakref import WeakKeyDictionary
 
 import pytest
 from _pytest.runner import runtestprotocol
+from xdist import is_xdist_worker
 
 from mqttxt import errors
 
 MARKS = ("alone", "e2e", "integration")
 """The marks of tests that fly or measure times."""
 TURNS = 3
+AGAIN = "again"
+"""The outcome of a turn after which a test is put off."""
 LATE_MS = 25
 """Lateness that counts, in waking a sleeping process: on a machine with a core to spare it is one or two."""
 QUIET_S, PATIENCE_S = 5.0, 60.0
@@ -69,6 +73,10 @@ while True:
 def is_again(item: pytest.Item) -> bool:
     """Whether a test is in a further turn."""
     return item.stash.get(_TURN, 1) > 1
+
+
+def is_flight(item: pytest.Item) -> bool:
+    return any(item.get_closest_marker(name) for name in ("alone", "e2e"))
 
 
 class Void(Exception):
@@ -142,14 +150,25 @@ def pytest_runtest_makereport(
     return report
 
 
+_later: list[pytest.Item] = []
+"""Tests of this worker that run again once it has no others left."""
+_not_set_up: set[Path] = set()
+"""The files of those that fly and were not set up: the other tests of such a file wait with them for its flight."""
+_awaited: dict[str, None] = {}
+"""The names of tests that were put off and have not run again yet."""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> object:
-    is_timed = any(item.get_closest_marker(name) for name in MARKS)
+    is_timed = _is_timed(item)
     watch, began_s = watching(), time.monotonic()
     turn = item.stash.get(_TURN, 1)
     failures = item.stash[_ERRORS] = []
     if turn == 1:
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+        if item.path in _not_set_up:
+            _put_off(item)
+            return True
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
     item.stash.setdefault(_PLACES, set()).update(_place(item, failure) for failure in failures[:1])
     known = _known_cause(failures)
@@ -160,11 +179,14 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     if known is None and ((cause is not None and turn < TURNS) or (_BESIDE in item.stash and turn == 1)):
         over = pytest.CallInfo.from_call(lambda: item.session._setupstate.teardown_exact(None), "teardown")
         if over.excinfo is None:
-            item.stash[_TURN] = turn + 1
             item.ihook.pytest_timeout_cancel_timer(item=item)  # the next turn has its own
-            if is_timed:
-                watch.wait_for_quiet()
-            item.ihook.pytest_runtest_protocol(item=item, nextitem=nextitem)
+            if not is_xdist_worker(item.session):
+                item.stash[_TURN] = turn + 1
+                _run_again(item, nextitem)
+                return True
+            if is_flight(item) and any(report.when == "setup" and report.failed for report in reports):
+                _not_set_up.add(item.path)
+            _put_off(item)
             return True
         reports.append(item.ihook.pytest_runtest_makereport(item=item, call=over))
     elif cause is not None and is_timed:
@@ -180,10 +202,48 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     return True
 
 
+def _put_off(item: pytest.Item) -> None:
+    """Put a test off, and say to the process that distributes the tests that its reports are still to come."""
+    item.stash[_TURN] = item.stash.get(_TURN, 1) + 1
+    _later.append(item)
+    report = pytest.TestReport(item.nodeid, item.location, {}, AGAIN, None, "teardown")  # type: ignore[arg-type]
+    item.ihook.pytest_runtest_logreport(report=report)
+
+
+def _run_again(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    if _is_timed(item):
+        watching().wait_for_quiet()
+    item.ihook.pytest_runtest_protocol(item=item, nextitem=nextitem)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtestloop(session: pytest.Session) -> Generator[None, object, object]:
+    """A worker that has no tests left runs those again that it put off."""
+    done = yield
+    while _later and not session.shouldfail and not session.shouldstop:
+        item, *behind = _later
+        del _later[0]
+        worker = next(one for one in session.config.pluginmanager.get_plugins() if hasattr(one, "item_index"))
+        worker.item_index = session.items.index(item)  # it names the test whose reports it sends
+        _run_again(item, next(iter(behind), None))
+    return done
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.outcome == AGAIN:
+        _awaited[report.nodeid] = None
+    else:
+        _awaited.pop(report.nodeid, None)
+
+
 def passes_alone(item: pytest.Item, failed: str | None) -> None:
     """Called by a test that passes because its fixture was repeated alone: `failed` is the failure beside others."""
     if failed is not None:
         item.stash[_BESIDE] = failed
+
+
+def _is_timed(item: pytest.Item) -> bool:
+    return any(item.get_closest_marker(name) for name in MARKS)
 
 
 def _set_up_of(item: pytest.Item) -> list[Span]:
@@ -245,7 +305,7 @@ def _make_inconclusive(report: pytest.TestReport, item: pytest.Item, cause: str)
 def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, tuple[str, dict[str, bool]]] | None:
     if hasattr(report, "inconclusive"):
         return "inconclusive", "I", ("INCONCLUSIVE", {"yellow": True})
-    return None
+    return (AGAIN, "", ("", {})) if report.outcome == AGAIN else None
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -262,8 +322,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Genera
             terminalreporter.line(f"PASSED ALONE {report.nodeid}, beside others {report.beside_others}", yellow=True)
     for report in inconclusive:
         terminalreporter.line(f"INCONCLUSIVE {report.nodeid}: {report.inconclusive}", yellow=True)
+    for nodeid in _awaited:
+        terminalreporter.line(f"NOT RUN AGAIN {nodeid}: its worker ended", red=True)
 
 
-def pytest_sessionfinish() -> None:
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if _awaited and not is_xdist_worker(session):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
     if _watch is not None:
         _watch.end()

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import faulthandler
 import fcntl
+import itertools
+import math
 import os
 import re
-from collections.abc import Callable, Generator
+from collections.abc import Generator, Sequence
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 from _pytest.faulthandler import fault_handler_stderr_fd_key
@@ -24,10 +27,7 @@ Higher ones would leave them no time on a machine under other load."""
 PATIENCE = 2
 """A worker that is still in a test after this many of its time limits hangs: it prints its tracebacks, and ends."""
 FLIGHTS = "flights"
-
-
-def _is_flight(item: pytest.Item) -> bool:
-    return any(item.get_closest_marker(name) for name in ("alone", "e2e"))
+One = TypeVar("One")
 
 
 def _is_alone(item: pytest.Item) -> bool:
@@ -39,17 +39,32 @@ def _is_integration(item: pytest.Item) -> bool:
 
 
 def _order(item: pytest.Item) -> tuple[bool, bool, bool, bool, float]:
-    """Flights first, `alone` ones last among them; then integration tests, whole files before `apart` tests, and of
-    those the longest first; then tests that need nothing but time.
+    """Flights first, `alone` ones last among them; then integration tests, of the `apart` ones the longest first; then
+    tests that need nothing but time.
     """
     is_apart = item.get_closest_marker("apart") is not None
     longest_first = -_limit_s(item) if is_apart else 0.0
-    return not _is_flight(item), _is_alone(item), not _is_integration(item), is_apart, longest_first
+    return not lateness.is_flight(item), _is_alone(item), not _is_integration(item), is_apart, longest_first
+
+
+def mixed(files: Sequence[Sequence[One]], apart: Sequence[One]) -> list[One]:
+    """The tests of whole files, those with the most tests first, with `apart` tests behind each, of which a third is
+    left for the end: many of these files have a browser, and together they would leave no time to each other.
+    """
+    each = math.ceil(len(apart) * 2 / 3 / max(1, len(files)))
+    largest_first = sorted(files, key=len, reverse=True)
+    parts = [(*file, *apart[n * each : (n + 1) * each]) for n, file in enumerate(largest_first)]
+    return [one for part in parts for one in part] + list(apart[len(files) * each :])
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=_order)
+    shared = [item for item in items if _is_integration(item) and not lateness.is_flight(item)]
+    if shared:
+        whole = itertools.groupby((one for one in shared if not one.get_closest_marker("apart")), lambda one: one.path)
+        begin, apart = items.index(shared[0]), [one for one in shared if one.get_closest_marker("apart")]
+        items[begin : begin + len(shared)] = mixed([list(file) for _, file in whole], apart)
 
 
 @cache
@@ -74,9 +89,9 @@ class Lock:
         fcntl.flock(self._file, fcntl.LOCK_UN)
 
 
-_INTEGRATION = Path(__file__)
-"""The lock of the process that distributes the tests, held while a worker other than the flying one has integration
-tests left."""
+_ROOM = Path(__file__)
+"""The lock of what runs beside each other: shared by each integration test and flight, and by the process that
+distributes the tests while a worker other than the flying one has integration tests left; what is alone takes it."""
 
 
 class Scheduling(LoadFileScheduling):  # type: ignore[misc]
@@ -84,10 +99,11 @@ class Scheduling(LoadFileScheduling):  # type: ignore[misc]
 
     def schedule(self) -> None:
         if self.collection is None:
-            self._lock = Lock(_INTEGRATION)
-            self._lock.take()
+            self._lock = Lock(_ROOM)
             collected = next(iter(self.registered_collections.values()))
             self._left = {nodeid for nodeid in collected if self._is_integration(nodeid)}
+            if self._left:  # else this run waits for no other one's flights
+                self._lock.share()
             self._leave_once_none_is_left()
         super().schedule()
 
@@ -134,33 +150,21 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Schedulin
 
 
 class Turn:
-    """The locks that a worker waits for before a test.
-
-    Integration tests and flights share the room; one that runs again has it exclusively, and whoever waits for that is
-    next. A test marked `alone` runs when no integration test is left.
+    """What a worker waits for before a test: integration tests and flights share the room; what is alone or runs again
+    has it to itself, once no integration test is left.
     """
 
-    def __init__(self, config: pytest.Config) -> None:
-        self._door, self._room = Lock(config.rootpath), Lock(config.rootpath / "pyproject.toml")
-        self._integration = Lock(_INTEGRATION)
+    def __init__(self) -> None:
+        self._room = Lock(_ROOM)
 
     def take(self, item: pytest.Item) -> None:
-        if _is_alone(item):
-            self._integration.share()
-        if lateness.is_again(item):
-            self._enter(self._room.take)
-        elif _is_integration(item) or _is_flight(item):
-            self._enter(self._room.share)
+        if _is_alone(item) or lateness.is_again(item):
+            self._room.take()
+        elif _is_integration(item) or lateness.is_flight(item):
+            self._room.share()
 
     def leave(self) -> None:
         self._room.leave()
-
-    def _enter(self, enter: Callable[[], None]) -> None:
-        """Leave the room, and hold the door while waiting for the room."""
-        self.leave()
-        self._door.take()
-        enter()
-        self._door.leave()
 
 
 _turn: Turn | None = None
@@ -170,8 +174,8 @@ _has_flights = False
 def pytest_collection_finish(session: pytest.Session) -> None:
     global _turn, _has_flights
     if is_xdist_worker(session):
-        _turn = Turn(session.config)
-        _has_flights = any(_is_flight(item) for item in session.items)
+        _turn = Turn()
+        _has_flights = any(lateness.is_flight(item) for item in session.items)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -179,7 +183,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     """Wait for the worker's turn, and give way, before a test's fixtures and time limit begin."""
     if _turn is None:
         return (yield)
-    if _has_flights and not _is_flight(item):
+    if _has_flights and not lateness.is_flight(item):
         _give_way(NICE if _is_integration(item) else NICEST)
     faulthandler.cancel_dump_traceback_later()  # of the turn before
     _turn.take(item)

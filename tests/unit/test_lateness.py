@@ -44,7 +44,7 @@ def flown():
 def test_it(flown):
     FAILS
 """
-CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["integration: a", "long: b"]\ntimeout = 30\n'
+CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["integration: a", "long: b", "e2e: c"]\ntimeout = 30\n'
 AGAIN = "assert flown > 1"
 NOT_YET = "ExceptionGroup('one', [TimeoutError('not yet')])"
 
@@ -136,6 +136,48 @@ def test_what_fails_beside_others_fails_by_itself_too_or_is_named(
     assert len(named) == (said == "2 passed")
 
 
+OTHERS = """
+import time
+from pathlib import Path
+import pytest
+
+@pytest.mark.parametrize("n", range(9))
+def test_other(n):
+    with (Path(__file__).parent / "others").open("a") as file:
+        print(time.monotonic_ns(), file=file)
+"""
+IS_LAST = f"{AGAIN}; import time; (HERE / 'again').write_text(str(time.monotonic_ns()))"
+
+
+@pytest.mark.long
+def test_what_runs_again_holds_nobody_up(tmp_path: Path) -> None:
+    for name in "abcd":
+        (tmp_path / f"test_{name}.py").write_text(OTHERS)
+    lines = _run(OWN.replace("MARK", "integration").replace("FAILS", IS_LAST), "True", tmp_path, "--numprocesses", "1")
+    assert "37 passed, 1 again" in lines[-1], lines
+    others = [int(line) for line in (tmp_path / "others").read_text().splitlines()]
+    assert max(others) < int((tmp_path / "again").read_text())
+
+
+@pytest.mark.long
+def test_the_tests_of_a_flight_that_is_flown_again_wait_for_it(tmp_path: Path) -> None:
+    source = OWN.replace("MARK", "e2e").replace("FAILS", "pass")
+    source = source.replace("    return", f"    flown = int(turns.read_text())\n    {AGAIN}\n    return")
+    source += "\n@pytest.mark.e2e\ndef test_more(flown):\n    assert flown == 2\n"
+    lines = _run(source, "True", tmp_path, "--numprocesses", "1")
+    assert "2 passed, 2 again" in lines[-1], lines
+    assert int((tmp_path / "turns").read_text()) == 2
+
+
+@pytest.mark.long
+def test_what_was_to_run_again_and_could_not_has_not_passed(tmp_path: Path) -> None:
+    fails = "if flown > 1: os.kill(os.getpid(), signal.SIGKILL)\n    assert False"
+    (tmp_path / "test_other.py").write_text("def test_other():\n    pass\n")
+    source = OWN.replace("MARK", "integration").replace("FAILS", fails)
+    lines = _run(source, "True", tmp_path, "--numprocesses", "2", code=1)
+    assert "NOT RUN AGAIN test_it.py::test_it: its worker ended" in lines, lines
+
+
 SAYS = """
 from tests import lateness
 
@@ -149,8 +191,8 @@ def test_what_a_fixture_did_again_by_itself_is_said_too(tmp_path: Path) -> None:
     assert "PASSED ALONE test_it.py::test_it, beside others a rule" in _run(SAYS, "False", tmp_path)
 
 
-def _run(source: str, late: str, folder: Path, *options: str) -> list[str]:
-    """The lines of a run of tests whose fixture finds the machine late or not."""
+def _run(source: str, late: str, folder: Path, *options: str, code: int | None = None) -> list[str]:
+    """The lines of a run, with this exit code, of tests whose fixture finds the machine late or not."""
     (folder / "tests").mkdir()
     (folder / "conftest.py").write_text((TESTS / "conftest.py").read_text())
     for name in ("__init__.py", "workers.py", "lateness.py", "soak.py"):
@@ -160,7 +202,9 @@ def _run(source: str, late: str, folder: Path, *options: str) -> list[str]:
     if late == "False":  # nor may it be late by the load of this machine
         lateness_py = folder / "tests" / "lateness.py"
         lateness_py.write_text(lateness_py.read_text().replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
-    return [line for line in run_pytest(folder, *options).stdout.splitlines() if line]
+    done = run_pytest(folder, *options)
+    assert code in (None, done.returncode), done.stdout
+    return [line for line in done.stdout.splitlines() if line]
 
 
 LATE = "the emulator did not keep up: 12.8 ms late at p99; expected 10 at most"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
+from tests import workers
 from tests.rigs.inner_pytest import run_pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
@@ -69,8 +71,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> list[Ran]:
     return run(tmp_path_factory.mktemp("tests"), FILES)
 
 
-def run(folder: Path, files: dict[str, tuple[str, ...]], workers: int = 3, *options: str) -> list[Ran]:
-    """What ran of such files, four tests each unless options choose."""
+def write(folder: Path, files: dict[str, tuple[str, ...]]) -> None:
+    """Write such files, of four tests each."""
     (folder / "tests").mkdir()
     (folder / "conftest.py").write_text((Path(__file__).parents[1] / "conftest.py").read_text())
     for own in TESTS_OWN:
@@ -81,6 +83,16 @@ def run(folder: Path, files: dict[str, tuple[str, ...]], workers: int = 3, *opti
         named = ", ".join(f"pytest.mark.{mark}" for mark in own_marks)
         load = 5_000_000 if "integration" in own_marks else 1_000_000
         (folder / f"{name}.py").write_text(TESTS.replace("MARKS", named).replace("LOAD", str(load)))
+
+
+def run(folder: Path, files: dict[str, tuple[str, ...]], workers: int = 3, *options: str) -> list[Ran]:
+    """What ran of such files, four tests each unless options choose."""
+    write(folder, files)
+    return run_there(folder, files, workers, *options)
+
+
+def run_there(folder: Path, files: dict[str, tuple[str, ...]], workers: int, *options: str) -> list[Ran]:
+    """The same for files that are written."""
     done = run_pytest(folder, ORDERED, "--numprocesses", str(workers), *options, timeout_s=LIMIT_S)
     assert done.returncode == 0, done.stdout
     found = [Ran(*json.loads(line)) for line in (folder / "log").read_text().splitlines()]
@@ -111,6 +123,20 @@ def test_what_is_alone_does_not_wait_for_what_comes_behind_it(
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "held"),
+    [("test_a", fcntl.LOCK_EX), ("test_i", fcntl.LOCK_SH)],
+    ids=["its flights", "its integration tests"],
+)
+def test_another_run_holds_up_only_what_cannot_be_beside(tmp_path: Path, name: str, held: int) -> None:
+    files = {name: FILES[name]}
+    write(tmp_path, files)
+    with (tmp_path / "tests" / "workers.py").open() as room:
+        fcntl.flock(room, held)
+        assert len(run_there(tmp_path, files, 2)) == 4
+
+
+@pytest.mark.long
 def test_a_file_is_on_one_worker_and_all_that_flies_or_is_alone_on_one_too(ran: list[Ran]) -> None:
     workers = {name: {one.worker for one in ran if one.file == name} for name in FILES if "apart" not in FILES[name]}
     assert {len(found) for found in workers.values()} == {1}
@@ -126,6 +152,12 @@ def test_what_flies_comes_one_after_another_and_what_is_alone_when_no_integratio
     assert next(one for one in flights if one.file == "test_y").began_ns < max(one.ended_ns for one in integration)
     alone = next(one for one in flights if one.file == "test_x")
     assert all(one.ended_ns <= alone.began_ns for one in integration)
+
+
+def test_files_with_a_browser_are_not_all_at_once() -> None:
+    assert "".join(workers.mixed(["A", "BBB", "CC"], "uvwxyz123")) == "BBBuvCCwxAyz123"
+    assert workers.mixed([], "uv") == ["u", "v"]
+    assert workers.mixed(["A"], "") == ["A"]
 
 
 @pytest.mark.long
