@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,20 +15,30 @@ Plan = list[tuple[str, int, int, int]]
 """The prefix, number, first and last drone of each fog."""
 
 
-class Cloud(Protocol):
-    """`fog_url` is the fogs' broker as activators reach it, `drone_url` the same as drones reach it."""
+@dataclass(frozen=True)
+class Reached:
+    """How a fleet's nodes reach its brokers.
 
-    @property
-    def url(self) -> str: ...
-    @property
-    def fog_url(self) -> str: ...
-    @property
-    def drone_url(self) -> str: ...
+    `url` is the cloud's, `fog_url` the fogs' for activators, `drone_url` the same for drones; below `identities` are
+    those of the fleet's nodes, if they have any.
+    """
+
+    url: str
+    fog_url: str
+    drone_url: str
+    identities: Path | None = None
+
+    def identity(self, name: str) -> Path | None:
+        return None if self.identities is None else self.identities / name
+
+
+class Cloud(Protocol):
+    """`fleets` has what each fleet reaches, by its prefix."""
+
+    fleets: dict[str, Reached]
+
     def start(self) -> None: ...
     def close(self) -> None: ...
-    def identity(self, name: str) -> Path | None:
-        """A node's identity; None where nodes have none."""
-        ...
 
     def cpu_s(self) -> float: ...
     def rss_mb(self) -> float: ...
@@ -36,18 +47,16 @@ class Cloud(Protocol):
 class OneMosquitto:
     """One process for the cloud and all fogs."""
 
-    def __init__(self, folder: Path, _plan: Plan) -> None:
+    def __init__(self, folder: Path, plan: Plan) -> None:
         self._broker = BenchBroker(folder, "cloud")
-        self.url = self.fog_url = self.drone_url = self._broker.url
+        url = self._broker.url
+        self.fleets = {prefix: Reached(url, url, url) for prefix, *_ in plan}
 
     def start(self) -> None:
         self._broker.start()
 
     def close(self) -> None:
         self._broker.kill()
-
-    def identity(self, name: str) -> Path | None:
-        return None
 
     def cpu_s(self) -> float:
         return cpu_s(self._broker.pid)
@@ -57,25 +66,28 @@ class OneMosquitto:
 
 
 class ThreeNodes:
-    """The cluster of one fleet; all fogs share a Mosquitto, whose cost is not the cloud's."""
+    """The cluster; the fogs of a fleet share a Mosquitto, whose cost is not the cloud's."""
 
     def __init__(self, folder: Path, plan: Plan) -> None:
-        members = ("broker-cloud", FOG_BROKER, *(f"fog{fog}" for _, fog, _, _ in plan))
-        (prefix,) = {prefix for prefix, *_ in plan}
-        self._cluster = Cluster(folder, members, prefix)
-        self._fog = TwoWayBroker(folder, "fog", self._cluster.acme.folder / FOG_BROKER)
-        self.url, self.fog_url, self.drone_url = self._cluster.url, self._fog.tls_url, self._fog.url
+        self._cluster = Cluster(folder)
+        self._fogs = []
+        self.fleets = {}
+        for prefix in dict.fromkeys(prefix for prefix, *_ in plan):
+            fogs = (f"fog{fog}" for at, fog, _, _ in plan if at == prefix)
+            fleet = self._cluster.add(prefix.rstrip("/"), (FOG_BROKER, *fogs), prefix)
+            fog = TwoWayBroker(folder, f"fogs-{prefix.rstrip('/')}", fleet.identity(FOG_BROKER))
+            self._fogs.append(fog)
+            self.fleets[prefix] = Reached(fleet.url, fog.tls_url, fog.url, fleet.authority.folder)
 
     def start(self) -> None:
-        self._fog.start()
+        for fog in self._fogs:
+            fog.start()
         self._cluster.start()
 
     def close(self) -> None:
         self._cluster.close()
-        self._fog.kill()
-
-    def identity(self, name: str) -> Path | None:
-        return self._cluster.acme.folder / name
+        for fog in self._fogs:
+            fog.kill()
 
     def cpu_s(self) -> float:
         """Processor time of the three nodes and the balancer."""

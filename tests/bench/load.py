@@ -24,8 +24,9 @@ from typing import Any
 
 from mqttxt.protocol.names import MAX_DRONE
 from tests.bench.brokers import cpu_s, rss_mb
-from tests.bench.clouds import CLOUDS, MOSQUITTO, STATION, Cloud, Plan
+from tests.bench.clouds import CLOUDS, MOSQUITTO, STATION, Plan, Reached
 from tests.bench.load_station import LAST_WORDS_S, REACHABLE_S, TTL_S
+from tests.rigs.cluster import PORTS
 from tests.rigs.processes import Process, eventually
 
 SETTLING_S = 5.0
@@ -91,12 +92,12 @@ def measure(
 ) -> list[str]:
     """Lines of figures; takes about a minute longer than `minutes`. With `write`, they are also added to that file.
 
-    `cloud` is one of CLOUDS; the cluster's has one fleet.
+    `cloud` is one of CLOUDS; the cluster carries ten fleets.
     """
     of = Fogs(fogs, drones, fleets)
     prefixes = {prefix for prefix, *_ in of.plan()}
-    if cloud != MOSQUITTO and len(prefixes) > 1:
-        raise SystemExit(f"--cloud {cloud}: {len(prefixes)} fleets; expected one, of at most {MAX_DRONE} drones")
+    if cloud != MOSQUITTO and len(prefixes) > len(PORTS):
+        raise SystemExit(f"--cloud {cloud}: {len(prefixes)} fleets; expected at most {len(PORTS)}")
     with tempfile.TemporaryDirectory() as folder:
         found = asyncio.run(run(Path(folder), of, 60 * minutes, every_s, cloud))
     if write is not None:
@@ -125,14 +126,11 @@ async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float, cloud: s
         broker = CLOUDS[cloud](folder, plan)
         stack.callback(broker.close)
         await asyncio.to_thread(broker.start)
-        activators = [_activator(folder, broker, prefix, fog) for prefix, fog, _, _ in plan]
-        prefixes = dict.fromkeys(prefix for prefix, *_ in plan)
-        fleets = [_drones(folder, broker.drone_url, prefix, plan) for prefix in prefixes]
-        arguments = [broker.url, json.dumps(plan), str(every_s), str(folder)]
-        identity = broker.identity(STATION)
-        station = Process(
-            folder, "station", "tests.bench.load_station", *arguments, *([str(identity)] if identity else [])
-        )
+        activators = [_activator(folder, broker.fleets[prefix], prefix, fog) for prefix, fog, _, _ in plan]
+        fleets = [_drones(folder, reached.drone_url, prefix, plan) for prefix, reached in broker.fleets.items()]
+        stations = {prefix: (reached.url, reached.identity(STATION)) for prefix, reached in broker.fleets.items()}
+        arguments = [json.dumps(stations, default=str), json.dumps(plan), str(every_s), str(folder)]
+        station = Process(folder, "station", "tests.bench.load_station", *arguments)
         started_s = time.monotonic()
         for process in (*activators, *fleets, station):
             stack.callback(process.start().kill)
@@ -178,13 +176,13 @@ def _root(prefix: str, fog: int) -> str:
     return f"air/{prefix}fog{fog}/"
 
 
-def _activator(folder: Path, cloud: Cloud, prefix: str, fog: int) -> Process:
-    identity = cloud.identity(f"fog{fog}")
+def _activator(folder: Path, reached: Reached, prefix: str, fog: int) -> Process:
+    identity = reached.identity(f"fog{fog}")
     options = [
         *("--fog", str(fog)),
         *("--prefix", prefix),
-        *("--cloud", cloud.url),
-        *("--fog-broker", cloud.fog_url),
+        *("--cloud", reached.url),
+        *("--fog-broker", reached.fog_url),
         *("--fog-root", _root(prefix, fog)),
         *(("--identity", str(identity)) if identity is not None else ()),
     ]

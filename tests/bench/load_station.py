@@ -1,10 +1,10 @@
 """A station of several fleets in one process, which commands their drones.
 
-`load_station BROKER PLAN EVERY_S FOLDER [IDENTITY]`; PLAN is JSON, `[[prefix, fog, first drone, last], …]`. Every drone
-is armed and disarmed in turn, a command each EVERY_S seconds. Once all drones are reachable, FOLDER gets
-`station.ready`. After SIGTERM it sends no more, waits for the last words, and writes `station.json`: `{"commands":
-{prefix + fog + / + drone: [[sent, word, reason], …]}, "silent": names of drones whose last word is missing, "ages_s":
-of the newest location of each drone, ranked}`.
+`load_station FLEETS PLAN EVERY_S FOLDER`; FLEETS and PLAN are JSON, `{prefix: [cloud broker, identity or null], …}` and
+`[[prefix, fog, first drone, last], …]`. Every drone is armed and disarmed in turn, a command each EVERY_S seconds. Once
+all drones are reachable, FOLDER gets `station.ready`. After SIGTERM it sends no more, waits for the last words, and
+writes `station.json`: `{"commands": {prefix + fog + / + drone: [[sent, word, reason], …]}, "silent": names of drones
+whose last word is missing, "ages_s": of the newest location of each drone, ranked}`.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ class Commanded:
 
 
 async def command(
-    broker: str, plan: list[tuple[str, int, int, int]], every_s: float, folder: Path, identity: str | None = None
+    fleets: dict[str, tuple[str, str | None]], plan: list[tuple[str, int, int, int]], every_s: float, folder: Path
 ) -> None:
     drones: dict[str, Commanded] = {}
     no_more, ended = asyncio.Event(), asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, no_more.set)
     async with AsyncExitStack() as stack:
-        for prefix in dict.fromkeys(prefix for prefix, *_ in plan):
+        for prefix, (broker, identity) in fleets.items():
             station = await stack.enter_async_context(
                 GroundStation(broker, prefix=prefix, bundles=True, identity=identity)
             )
@@ -85,4 +85,4 @@ async def command(
 
 
 if __name__ == "__main__":
-    asyncio.run(command(sys.argv[1], json.loads(sys.argv[2]), float(sys.argv[3]), Path(sys.argv[4]), *sys.argv[5:]))
+    asyncio.run(command(json.loads(sys.argv[1]), json.loads(sys.argv[2]), float(sys.argv[3]), Path(sys.argv[4])))

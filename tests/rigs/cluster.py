@@ -1,10 +1,12 @@
-"""deploy/cluster unchanged, three RabbitMQ nodes behind HAProxy, as the cloud of a fleet with identities."""
+"""deploy/cluster unchanged, three RabbitMQ nodes behind HAProxy, as the cloud of fleets with identities."""
 
 from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
@@ -12,61 +14,99 @@ import docker
 from docker.models.containers import Container
 
 from mqttxt import GroundStation
+from mqttxt.core.address import BrokerAddress
 from mqttxt.security.authority import Authority
 from mqttxt.security.broker import BrokerFiles
-from mqttxt.security.rabbitmq import write
+from mqttxt.security.rabbitmq import FLEETS, write
 from mqttxt.security.rights import Rights
 from testbed.bootstrap.docker import compose_command
 from testbed.bootstrap.images import NODE
-from tests.rigs.processes import ROOT, System, free_port, listens, wait_until
+from tests.rigs.processes import ROOT, System, free_block, listens, wait_until
 from tests.rigs.secure import SecureBroker
 
 DEPLOY = ROOT / "deploy" / "cluster"
 IMAGE = "mqttxt-cluster"
 NODES = ("node1", "node2", "node3")
 FORMING_S = 300.0
-MEMBERS = ("broker-cloud", "broker-fog1", "fog1", "drone1", "drone2")
+MEMBERS = ("broker-fog1", "fog1", "drone1", "drone2")
+PORTS = range(8883, 8893)
+"""What the balancer listens at, a port for each fleet."""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A fleet that the cluster carries; `inner_port` is that of its listeners at the nodes."""
+
+    authority: Authority
+    prefix: str
+    inner_port: int
+    url: str
+
+    @property
+    def address(self) -> BrokerAddress:
+        return BrokerAddress.parse(self.url)
+
+    def identity(self, name: str) -> Path:
+        return self.authority.folder / name
+
+    def station(self, name: str = "gs-ops") -> GroundStation:
+        return GroundStation(self.url, prefix=self.prefix, identity=self.identity(name))
 
 
 class Cluster:
     """The cloud of three nodes; one can be killed, frozen, or cut off from the other two but not from the balancer."""
 
-    def __init__(self, folder: Path, members: tuple[str, ...] = MEMBERS, prefix: str = "") -> None:
-        self.port = free_port()
-        self.acme = Authority.create(folder / "acme", "acme")
-        for name in members:
-            self.acme.issue(name)
-        self.acme.issue("gs-ops", Rights(None))
-        identity, out = self.acme.folder / "broker-cloud", folder / "cluster"
-        write(BrokerFiles(identity, prefix), out)
-        cookie = out / "cookie"
+    def __init__(self, folder: Path) -> None:
+        self.fleets: dict[str, Carried] = {}
+        self._folder, self._out = folder, folder / "cluster"
+        self._out.mkdir()
+        cookie = self._out / "cookie"
         cookie.write_text(secrets.token_hex(32))
         cookie.chmod(0o400)
-        if os.geteuid() == 0:
-            for path in (identity, *identity.iterdir(), out, *out.iterdir()):
-                os.chown(path, 1000, 1000)
-        self._project = f"{IMAGE}-{self.port}"
+        self._port = free_block(len(PORTS))
+        self._project = f"{IMAGE}-{self._port}"
         self._subnet = f"10.{secrets.randbelow(100) + 100}.{secrets.randbelow(256)}"
         self._environment = {
             **os.environ,
-            **{"IDENTITY": str(identity), "CONFIGURATION": str(out), "LISTEN": f"127.0.0.1:{self.port}"},
+            **{"CONFIGURATION": str(self._out), "LISTEN": f"127.0.0.1:{self._port}-{self._port + len(PORTS) - 1}"},
             **{"COMPOSE_PROJECT_NAME": self._project, "SUBNET": self._subnet},
         }
 
-    @property
-    def url(self) -> str:
-        return f"mqtts://localhost:{self.port}"
+    def add(self, name: str = "acme", members: tuple[str, ...] = MEMBERS, prefix: str = "") -> Carried:
+        """Add a fleet with an authority of its own and the station `gs-ops`; a running cluster has to be told."""
+        authority = Authority.create(self._folder / name, name)
+        for member in ("broker-cloud", *members):
+            authority.issue(member)
+        authority.issue("gs-ops", Rights(None))
+        place = len(self.fleets)
+        url = f"mqtts://localhost:{self._port + place}"
+        self.fleets[name] = Carried(authority, prefix, PORTS[place], url)
+        self.write(name)
+        return self.fleets[name]
 
-    def station(self) -> GroundStation:
-        return GroundStation(self.url, identity=self.acme.folder / "gs-ops")
+    def write(self, name: str) -> None:
+        """Write a fleet's present members, as `mqttxt broker` does."""
+        fleet = self.fleets[name]
+        write(BrokerFiles(fleet.identity("broker-cloud"), fleet.prefix), self._out, fleet.inner_port)
+        if os.geteuid() == 0:
+            for path in (self._out, *self._out.rglob("*")):
+                os.chown(path, 1000, 1000)
+
+    def take_out(self, name: str) -> None:
+        """Delete a fleet's folder, so that the nodes stop to serve it."""
+        shutil.rmtree(self._out / FLEETS / name)
+
+    def tell(self) -> None:
+        """Bring the running nodes what was written."""
+        self.control(NODES[0], "import_definitions", "/configuration/definitions.json")
 
     def start(self) -> Self:
         build = ["docker", "build", "--quiet", "--network", "host", "--tag", IMAGE, str(DEPLOY)]
         subprocess.run(build, check=True, capture_output=True)
         self._compose("up", "--detach")
         self.wait_formed()
-        self._control(NODES[0], "enable_feature_flag", "--experimental", "khepri_db")
-        wait_until(lambda: listens(self.port), "the balancer listens")
+        self.control(NODES[0], "enable_feature_flag", "--experimental", "khepri_db")
+        wait_until(lambda: listens(self._port), "the balancer listens")
         return self
 
     def wait_formed(self) -> None:
@@ -94,15 +134,30 @@ class Cluster:
         self._container(node).unpause()
 
     def cut_off(self, node: str) -> None:
-        self._others(node, "--append")
+        self._between(node, set(NODES) - {node}, "--append")
 
     def join_again(self, node: str) -> None:
-        self._others(node, "--delete")
+        self._between(node, set(NODES) - {node}, "--delete")
 
-    def _others(self, node: str, verb: str) -> None:
+    def cut_link(self, node: str, other: str) -> None:
+        self._between(node, {other}, "--append")
+
+    def mend_link(self, node: str, other: str) -> None:
+        self._between(node, {other}, "--delete")
+
+    def serves(self, node: str) -> bool:
+        """Whether a node takes clients, by what it sees of the others."""
+        return self.control(node, "eval", "persistent_term:get(majority).").strip() == "true"
+
+    def node_of(self, user: str) -> str | None:
+        """The node that a user is connected to."""
+        count = f'length([X || X <- rabbit_connection_tracking:list_on_node(node()), element(11, X) =:= <<"{user}">>]).'
+        return next((node for node in NODES if self.control(node, "eval", count).strip() != "0"), None)
+
+    def _between(self, node: str, others: set[str], verb: str) -> None:
         """Add or delete rules, in a node's own network, that drop every packet between it and the others."""
-        others = ",".join(f"{self._subnet}.{11 + number}" for number, each in enumerate(NODES) if each != node)
-        rules = (f"iptables -w {verb} {way} {others} -j DROP" for way in ("INPUT -s", "OUTPUT -d"))
+        far = ",".join(f"{self._subnet}.{11 + NODES.index(each)}" for each in sorted(others))
+        rules = (f"iptables -w {verb} {way} {far} -j DROP" for way in ("INPUT -s", "OUTPUT -d"))
         docker.from_env().containers.run(
             NODE,
             entrypoint=["sh", "-ec"],
@@ -121,9 +176,12 @@ class Cluster:
         code, _ = container.exec_run(["rabbitmqctl", "--quiet", "await_online_nodes", "3", "--timeout", "10"])
         return bool(code == 0)
 
-    def _control(self, node: str, *words: str) -> None:
+    def control(self, node: str, *words: str) -> str:
+        """Run `rabbitmqctl` on a node; returns what it prints."""
         code, output = self._container(node).exec_run(["rabbitmqctl", "--quiet", *words])
         assert code == 0, output.decode()
+        said: str = output.decode()
+        return said
 
     def _container(self, node: str) -> Container:
         return docker.from_env().containers.get(f"{self._project}_{node}_1")
@@ -137,16 +195,17 @@ class Cluster:
 class ClusteredSystem(System):
     """Two drones and their fog, with the cluster as the cloud's broker and TLS everywhere."""
 
-    def __init__(self, folder: Path, cluster: Cluster) -> None:
-        self._identities = cluster.acme.folder
-        self.secured_fog = SecureBroker(cluster.acme, "broker-fog1")
+    def __init__(self, folder: Path, fleet: Carried) -> None:
+        self._fleet = fleet
+        self.secured_fog = SecureBroker(fleet.authority, "broker-fog1")
         super().__init__(folder)
         fog = str(self.secured_fog.address)
-        self.activator = self.make_activator(cluster.url, fog).with_more(*self._as("fog1"))
+        own = ("--prefix", fleet.prefix, *self._as("fog1"))
+        self.activator = self.make_activator(fleet.url, fog).with_more(*own)
         self.uavs = {drone: self.make_uav(drone, fog).with_more(*self._as(f"drone{drone}")) for drone in self.uavs}
 
     def _as(self, name: str) -> tuple[str, str]:
-        return "--identity", str(self._identities / name)
+        return "--identity", str(self._fleet.identity(name))
 
     @property
     def brokers(self) -> tuple[SecureBroker, ...]:  # type: ignore[override]

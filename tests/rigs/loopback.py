@@ -17,6 +17,8 @@ _WORKER, _WORKERS = (
 )
 _PORTS = range(20_000 + _WORKER % _WORKERS, 32_000, _WORKERS)
 """The ports of this worker, if several run the tests."""
+_BLOCKS, _BLOCK = range(16_000 + 10 * (_WORKER % _WORKERS), 20_000, 10 * _WORKERS), 10
+"""The first port of each block of this worker, and how many a block has."""
 _RANDOM = random.SystemRandom()
 _given: set[int] = set()
 
@@ -35,6 +37,20 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
             sock.bind(("127.0.0.1", port))
             _given.add(port)
             return port
+
+
+def free_block(count: int) -> int:
+    """The first of `count` ports, at most ten, one after the other, as `free_port` gives one."""
+    assert count <= _BLOCK
+    while True:
+        first = _RANDOM.choice(_BLOCKS)
+        if first in _given:
+            continue
+        with contextlib.ExitStack() as stack, contextlib.suppress(OSError):
+            for port in range(first, first + count):
+                stack.enter_context(socket.socket()).bind(("127.0.0.1", port))
+            _given.add(first)
+            return first
 
 
 def listens(port: int, host: str = "127.0.0.1") -> bool:

@@ -15,6 +15,7 @@ from tests.quick import LANDING, quick_fleet
 from tests.rigs import prefork
 from tests.rigs.loopback import PATIENCE_S as PATIENCE_S
 from tests.rigs.loopback import eventually as eventually
+from tests.rigs.loopback import free_block as free_block
 from tests.rigs.loopback import free_port as free_port
 from tests.rigs.loopback import listens as listens
 from tests.rigs.loopback import wait_until as wait_until

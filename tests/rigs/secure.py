@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from typing import Self
+from typing import Protocol, Self
 
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
@@ -59,10 +59,20 @@ class SecureBroker(Program):
         self.signal(signal.SIGHUP)
 
 
-class Node:
-    """A plain MQTT client with a node's identity. Raises ConnectionError if the broker does not accept it."""
+class Addressed(Protocol):
+    """Where a node connects to."""
 
-    def __init__(self, identity: Identity, broker: SecureBroker) -> None:
+    @property
+    def address(self) -> BrokerAddress: ...
+
+
+class Node:
+    """A plain MQTT client with a node's identity. Raises ConnectionError if the broker does not accept it.
+
+    `topic` is what it subscribes to first: RabbitMQ disconnects who may not hear that.
+    """
+
+    def __init__(self, identity: Identity, broker: Addressed, topic: str = "#") -> None:
         self.name = identity.name
         self.heard: set[tuple[str, bytes]] = set()
         self._granted: set[int] = set()
@@ -83,7 +93,7 @@ class Node:
         if not self._client.is_connected():
             self.close()
             raise ConnectionError(f"{self.name}: not accepted")
-        self.subscribe("#")
+        self.subscribe(topic)
 
     def subscribe(self, topic: str) -> None:
         """Subscribe, and return when that is granted; everything due before has been delivered by then."""

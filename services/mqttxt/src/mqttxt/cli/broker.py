@@ -45,8 +45,8 @@ def broker(
 ) -> None:
     """Write a complete configuration for Mosquitto 2: mutual TLS 1.3, who may publish and hear what, limits.
 
-    Run it again when somebody was issued or revoked, and send Mosquitto SIGHUP. For RabbitMQ 4 it writes the users
-    and what each may publish and hear, definitions.json.
+    Run it again when somebody was issued or revoked, and send Mosquitto SIGHUP. For RabbitMQ 4 it adds the fleet to a
+    folder of several: definitions.json with the users of all and what each may publish and hear, and fleets/NAME.
     """
     from ..security import rabbitmq
     from ..security.broker import BrokerFiles
@@ -69,4 +69,6 @@ def broker(
             raise ConfigurationError("--air-sn: expected at a fog's broker alone")
         if server is Server.RABBITMQ and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--server {server}: expected at the cloud broker alone")
-        typer.echo(rabbitmq.write(files, out) if server is Server.RABBITMQ else files.write(out, host, port))
+        if server is Server.RABBITMQ and host != "0.0.0.0":
+            raise ConfigurationError(f"--listen {listen!r}: RabbitMQ listens at every address; expected 0.0.0.0:PORT")
+        typer.echo(rabbitmq.write(files, out, port) if server is Server.RABBITMQ else files.write(out, host, port))

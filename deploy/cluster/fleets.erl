@@ -1,0 +1,74 @@
+%% A listener for each fleet, with the fleet's own certificate and its authority alone: RabbitMQ's own listeners share one
+%% certificate and trust one list of authorities, each of which could speak for every fleet.
+%% RabbitMQ's parameter mqtt_port_to_vhost_mapping says which fleets there are, and takes the clients of a port to the
+%% fleet's virtual host. Only its ports are open, so no client gets to a virtual host that is not its port's.
+-module(fleets).
+-export([start/0, revoke/2]).
+-include_lib("rabbit_common/include/rabbit.hrl").
+
+-define(LOOK_MS, 1000).
+-define(IDENTITIES, "/fleets").
+-define(FILES, [{cacertfile, "fleet.pem"}, {certfile, "certificate.pem"}, {keyfile, "identity.pem"}]).
+
+start() -> spawn(fun keep/0).
+
+%% RabbitMQ may be stopped between a look and what follows from it, which ends the process that looks.
+keep() ->
+    {_, Monitor} = spawn_monitor(fun() -> watch([]) end),
+    receive {'DOWN', Monitor, process, _, _} -> timer:sleep(?LOOK_MS) end,
+    keep().
+
+%% `Missing` are the fleets that had no identity, or could not be listened for, at the last look.
+watch(Missing) ->
+    Now = case rabbit:is_running() of true -> serve(); false -> [] end,
+    [logger:error("fleets: ~ts at port ~b is not served: ~tp", [Fleet, Port, Why])
+     || {Fleet, Port, Why} <- Now -- Missing],
+    timer:sleep(?LOOK_MS),
+    watch(Now).
+
+serve() ->
+    {Wanted, Missing} = lists:partition(fun has_identity/1, mapped()),
+    Present = [Id || {{fleet, _, _} = Id, _, _, _} <- supervisor:which_children(rabbit_mqtt_sup)],
+    [stop(Id) || {fleet, Fleet, Port} = Id <- Present, not lists:member({Fleet, Port}, Wanted)],
+    Started = [{Fleet, Port, listen(Fleet, Port)}
+               || {Fleet, Port} <- Wanted, not lists:member({fleet, Fleet, Port}, Present)],
+    [{Fleet, Port, no_identity} || {Fleet, Port} <- Missing]
+        ++ [Failed || {_, _, Result} = Failed <- Started, Result =/= ok].
+
+mapped() ->
+    case rabbit_runtime_parameters:value_global(mqtt_port_to_vhost_mapping) of
+        not_found -> [];
+        Mapping -> [{Fleet, binary_to_integer(Port)} || {Port, Fleet} <- rabbit_data_coercion:to_proplist(Mapping)]
+    end.
+
+has_identity({Fleet, _}) -> lists:all(fun({_, File}) -> filelib:is_regular(File) end, identity(Fleet)).
+
+identity(Fleet) -> [{Option, filename:join([?IDENTITIES, Fleet, File])} || {Option, File} <- ?FILES].
+
+%% As rabbit_mqtt_sup does it for the listeners of the configuration.
+listen(Fleet, Port) ->
+    {ok, Socket} = application:get_env(rabbitmq_mqtt, tcp_listen_options),
+    Tls = lists:foldl(fun({Option, File}, Options) ->
+                              lists:keystore(Option, 1, Options, {Option, unicode:characters_to_list(File)})
+                      end, rabbit_networking:ensure_ssl(), identity(Fleet)),
+    [Address | _] = rabbit_networking:tcp_listener_addresses(Port),
+    Spec = rabbit_networking:tcp_listener_spec(
+             rabbit_mqtt_listener_sup, Address, Socket ++ Tls, ranch_ssl, rabbit_mqtt_reader, [], 'mqtt/ssl',
+             application:get_env(rabbitmq_mqtt, num_ssl_acceptors, 10),
+             application:get_env(rabbitmq_mqtt, num_conns_sups, 1), worker, "MQTT TLS listener"),
+    case supervisor:start_child(rabbit_mqtt_sup, setelement(1, Spec, {fleet, Fleet, Port})) of
+        {ok, _} -> ok;
+        {error, Why} -> Why
+    end.
+
+%% Ends the fleet's connections too.
+stop(Id) ->
+    ok = supervisor:terminate_child(rabbit_mqtt_sup, Id),
+    ok = supervisor:delete_child(rabbit_mqtt_sup, Id).
+
+%% Takes a node's permissions in its fleet, then ends its connections there: another fleet may have a node of the same
+%% name, which is the same user to RabbitMQ.
+revoke(Fleet, Node) ->
+    ok = rabbit_auth_backend_internal:clear_permissions(Node, Fleet, <<"fleets">>),
+    Own = [Each || #tracked_connection{username = User} = Each <- rabbit_connection_tracking:list(Fleet), User =:= Node],
+    rabbit_connection_tracking:close_connections(Own, "revoked", 0).
