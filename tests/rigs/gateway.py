@@ -31,10 +31,10 @@ class Ground(System):
 
     def __init__(self, folder: Path, *options: str, link: FarLink | None = None) -> None:
         super().__init__(folder)
-        self._far = Far(self.cloud.port, link) if link is not None else None
+        self.far = Far(self.cloud.port, link) if link is not None else None
         self.udp, self.tcp = free_port(socket.SOCK_DGRAM), free_port()
         where = ["--to", f"udp:127.0.0.1:{self.udp}", "--listen", f"tcp:127.0.0.1:{self.tcp}"]
-        cloud = self.cloud.url if self._far is None else f"mqtt://127.0.0.1:{self._far.port}"
+        cloud = self.cloud.url if self.far is None else f"mqtt://127.0.0.1:{self.far.port}"
         station = ["gs", "mavlink", "--fog", "1", "--cloud", cloud]
         self.gateway = Process(folder, "gateway", "mqttxt", *station, *where, *options)
 
@@ -43,16 +43,16 @@ class Ground(System):
 
     def start(self) -> Ground:
         super().start()
-        if self._far is not None:
-            self._far.start()
+        if self.far is not None:
+            self.far.start()
         self.gateway.start()
         wait_until(lambda: "drone 2: is there" in self.gateway.log.read_text(), "the gateway shows both drones")
         return self
 
     def close(self) -> None:
         self.gateway.kill()
-        if self._far is not None:
-            self._far.close()
+        if self.far is not None:
+            self.far.close()
         super().close()
 
 

@@ -23,7 +23,7 @@ class FarLink:
     one_way_ms: float
     loss: float
     is_in_time: bool
-    """Whether clients, which wait for 2 to 3 s, get an answer in that time."""
+    """Whether clients, which wait for 2 to 3 s, get an answer in that time where nothing is lost."""
 
 
 FAR_LINKS = (
