@@ -58,7 +58,9 @@ class AlwaysArmed:
         arming = message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
         result = mavlink.MAV_RESULT_ACCEPTED if arming else mavlink.MAV_RESULT_UNSUPPORTED
         asked = (message.get_srcSystem(), message.get_srcComponent())
-        self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *asked))
+        # Its sequence numbers come again within milliseconds: equal acknowledgements would be copies (R5.6).
+        told = len(self.heard_ns)
+        self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, told, *asked))
         if arming:
             self.heard_ns.append(received_ns)
             self._send(_HEARTBEAT)
