@@ -17,7 +17,7 @@ from mqttxt.security.authority import Authority
 from mqttxt_conformance.broker import BrokerTarget
 from mqttxt_conformance.broker_kit import BrokerKit
 from mqttxt_conformance.registry import RULES, Finding, Verdict, check_all
-from tests.rigs.faulty_broker import FAULTS, FAULTS_OF_NODES, FaultyBroker
+from tests.rigs.faulty_broker import FAULTS, FAULTS_OF_NODES, NARROW, FaultyBroker
 from tests.rigs.processes import Broker, free_port
 from tests.rigs.secure import WITNESS, SecureBroker
 
@@ -64,6 +64,12 @@ async def test_what_a_broker_lacks_is_found_by_its_rule(rule: str, mosquitto: Br
     async with FaultyBroker(mosquitto.port, FAULTS[rule]) as faulty:
         found = await check(rule, faulty.url)
     assert found.verdict is Verdict.FAIL, found.evidence
+
+
+async def test_the_kit_keeps_to_the_brokers_receive_maximum(mosquitto: Broker) -> None:
+    async with FaultyBroker(mosquitto.port, NARROW) as narrow:
+        found = await check("keeps-the-order", narrow.url)
+    assert found.verdict is Verdict.PASS, found.evidence
 
 
 @SOAK

@@ -25,6 +25,8 @@ class Passage:
     held: Packet | None = None
     back: list[Packet] = field(default_factory=list)
     """Packets to the client in the broker's stead."""
+    under_way: int = 0
+    """The client's QoS 1 messages without PUBACK."""
 
 
 Change = Callable[[Passage, Packet], list[Packet]]
@@ -110,6 +112,25 @@ def _kept_session(body: bytes) -> bytes:
     return body[:7] + kept + body[11:] if body[10] == 0 else body
 
 
+RECEIVE_MAXIMUM = 2
+
+
+def _refuse_more(passage: Passage, packet: Packet) -> list[Packet]:
+    """End the connection of a client with more messages under way than Receive Maximum."""
+    if packet.kind == PUBLISH and packet.qos == 1:
+        if passage.under_way == RECEIVE_MAXIMUM:
+            passage.back.append(Packet(DISCONNECT, 0, b"\x93"))
+            return []
+        passage.under_way += 1
+    return [packet]
+
+
+def _announce_few(passage: Passage, packet: Packet) -> list[Packet]:
+    """Announce RECEIVE_MAXIMUM, and count what is acknowledged."""
+    passage.under_way -= packet.kind == PUBACK
+    return changed(CONNACK, swapped(b"\x21\0\x14", b"\x21" + RECEIVE_MAXIMUM.to_bytes(2, "big")))(passage, packet)
+
+
 def _is_retained(passage: Passage, packet: Packet) -> bool:
     return packet.kind == PUBLISH and bool(packet.flags & RETAIN)
 
@@ -153,6 +174,8 @@ FAULTS = {
     "takes-sessions-over": Fault(up=changed(CONNECT, _other_id)),
 }
 """Each fault by the rule that finds it."""
+NARROW = Fault(up=_refuse_more, down=_announce_few)
+"""No fault: it takes few messages at a time, and ends the connection of a client that sends more."""
 FAULTS_OF_NODES = {
     "carries-between-nodes": Fault(down=without(_is_of_others)),
     "retains-on-every-node": Fault(down=without(_is_retained)),

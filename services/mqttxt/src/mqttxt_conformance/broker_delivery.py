@@ -138,13 +138,13 @@ async def keeps_to_receive_maximum(kit: BrokerKit) -> str:
         kit.sender.publish(behind, b"", qos=0)  # Receive Maximum does not apply; a broker may still hold it back
         await peer.come(behind)
         early = len(peer.on(topic))
-        expect(early == 2, f"{early} of 4 came ahead of any PUBACK; expected 2")
+        expect(1 <= early <= 2, f"{early} of 4 came ahead of any PUBACK; expected 1 or 2")
         for _ in range(3):
             have = len(peer.on(topic))
             peer.acknowledge_all()
             await peer.until(partial(_has_more, peer, topic, have), COMES_S)
         expect(len(peer.on(topic)) >= 4, f"{len(peer.on(topic))} of 4 came after the PUBACKs")
-    return "2 of 4 came ahead of the PUBACKs, the others behind them"
+    return f"{early} of 4 came ahead of the PUBACKs, the others behind them"
 
 
 def _has_more(peer: Peer, topic: str, than: int) -> bool:

@@ -14,6 +14,7 @@ from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mqttxt.core.address import BrokerAddress
@@ -99,6 +100,15 @@ class Line(ABC):
         self._arrived.set()
 
 
+class _Client(Client):
+    """paho's client, which by itself does not keep to the broker's Receive Maximum."""
+
+    def keep_to(self, connack: Properties) -> None:
+        """Have no more QoS 1 messages under way than the broker allows (R10.5)."""
+        most = self._max_inflight_messages
+        self._max_inflight_messages = min(getattr(connack, "ReceiveMaximum", most), most)
+
+
 class Tap(Line):
     """One connection to a broker, by default without its own publishes; over TLS with `identity`'s certificate."""
 
@@ -121,7 +131,7 @@ class Tap(Line):
         """The reason code of the connection's end."""
         self._pubacks: dict[int, asyncio.Future[int]] = {}
         self._subacks: dict[int, asyncio.Future[int]] = {}
-        self._client = Client(
+        self._client = _Client(
             CallbackAPIVersion.VERSION2,
             client_id=client_id,
             protocol=MQTTProtocolVersion.MQTTv5,
@@ -134,7 +144,7 @@ class Tap(Line):
         if address.tls:
             context = client_context(identity) if identity is not None else ssl.create_default_context()
             self._client.tls_set_context(context)
-        self._client.on_connect = lambda _c, _u, _f, code, said: self._call(self._accepted, code.value, said)
+        self._client.on_connect = self._on_connect
         self._client.on_disconnect = lambda _c, _u, _f, code, _p: self._call(resolve, self.ended, code.value)
         self._client.on_message = self._on_message
         self._client.on_publish = lambda _c, _u, mid, code, _p: self._call(self._acknowledged, mid, code.value)
@@ -232,9 +242,12 @@ class Tap(Line):
         )
         self._call(self.take, heard)
 
-    def _accepted(self, code: int, said: Properties | None) -> None:
+    def _on_connect(
+        self, _client: Client, _userdata: Any, _flags: Any, code: ReasonCode, said: Properties | None
+    ) -> None:
         self.connack = said or self.connack
-        resolve(self._connected, code)
+        self._client.keep_to(self.connack)
+        self._call(resolve, self._connected, code.value)
 
     def _acknowledged(self, mid: int, code: int) -> None:
         resolve(self._pubacks.setdefault(mid, self._loop.create_future()), code)
