@@ -131,9 +131,7 @@ class StateRelay:
                 return
         topic = self._cloud.drone_state(link.number, name)
         payload = encode_relayed(state, relay_stamp, self._settings.encoding)
-        if self._channel.signs_states:
-            payload = self._channel.dated_payload(topic, payload, self._session, now_ms)
-        out.append(Publish(CLOUD, topic, payload))
+        out.append(Publish(CLOUD, topic, self._channel.state_payload(topic, payload, self._session, now_ms)))
 
     def _bundle(
         self, key: tuple[int, str], state: PlainState, relay_stamp: int, now_ms: int, out: list[Effect]

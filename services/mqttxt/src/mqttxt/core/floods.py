@@ -26,8 +26,7 @@ class TokenBucket:
 
     def takes(self, station: Hashable, now_ms: int) -> bool:
         """Whether to process one more message of a station; if so, charges it."""
-        paid_until_ms = self._paid_until_ms.get(station, 0.0)
-        paid_until_ms = (paid_until_ms if paid_until_ms > now_ms else now_ms) + self._ms
+        paid_until_ms = max(self._paid_until_ms.get(station, 0.0), now_ms) + self._ms
         if paid_until_ms > now_ms + self._ahead_ms:
             return False
         if len(self._paid_until_ms) >= MOST_KNOWN:
