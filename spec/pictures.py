@@ -145,10 +145,10 @@ def command() -> Drawing:
         drawing.line((x, 42), (x, 556), dashed=True)
     station, cloud, activator, broker, drone, autopilot = at.values()
 
-    def sends(y: float, hops: tuple[float, ...], label: str, kind: str = "code") -> None:
+    def sends(y: float, hops: tuple[float, ...], label: str) -> None:
         for start, end in pairwise(hops):
             drawing.line((start, y), (end, y), arrow=True)
-        drawing.text((hops[0] + hops[-1]) / 2, y - 6, label, f"{kind} halo".lstrip(), "middle")
+        drawing.text((hops[0] + hops[-1]) / 2, y - 6, label, "code halo", "middle")
 
     def decides(x: float, y: float, *words: str) -> None:
         drawing.box(x - 112, y, 224, 18 + 15 * len(words), "room")

@@ -108,10 +108,10 @@ def _fitted(factors: Any, measured: Any) -> list[float]:
     return best[1]
 
 
-def needs(drones: int, cost: dict[str, Cost], apiece: Sequence[float], every_s: float = COMMANDS_EVERY_S) -> Needs:
-    """The needs of a number of drones with a command each `every_s` seconds, at most `BUSY` of a core per process."""
+def needs(drones: int, cost: dict[str, Cost], apiece: Sequence[float]) -> Needs:
+    """The needs of drones with a command each `COMMANDS_EVERY_S` seconds, at most `BUSY` of a core per process."""
     fogs = ceil(drones / MAX_DRONE)
-    cores = {role: cost[role].cores(fogs, drones, drones / every_s) for role in ROLES}
+    cores = {role: cost[role].cores(fogs, drones, drones / COMMANDS_EVERY_S) for role in ROLES}
     busy = {role: max(1, ceil(cores[role] / BUSY)) for role in ("broker", "station")}
     return Needs(drones, fogs, busy["broker"], busy["station"], cores, tuple(drones * hop for hop in apiece))
 
@@ -217,17 +217,30 @@ def goals(cost: dict[str, Cost]) -> str:
     )
 
 
+def cluster_goals(run: dict[str, Any]) -> str:
+    """What a run on the cluster cost, beside the goals."""
+    percent = {role: 100 * share for role, share in run["shares"].items()}
+    return (
+        f"For {run['drones']:,} drones in {run['fleets']} fleets the cluster takes {percent['broker']:.0f} % of a "
+        f"core, activators {percent['activators'] * MAX_DRONE / run['drones']:.1f} % per {MAX_DRONE} drones (goal: at "
+        f"most 25 %), and the station {percent['station']:.1f} % (goal: at most one core). With the UAV clients that "
+        f"is {sum(percent[role] for role in SHOWN) / 100:.2f} cores, without the fogs' brokers. A command takes "
+        f"{_seconds(run['median_s'])} in the median, and {_seconds(run['slowest_s'])} at most."
+    )
+
+
 def main(*files: str) -> None:
     """Write the tables into `files`."""
     apiece = hops((ROOT / "docs" / "performance.md").read_text(encoding="utf-8"))
     for path in map(Path, files):
         runs = read_runs(path.with_suffix("") / "load.json")
         prices = read_prices(path.with_suffix("") / "prices.yaml")
-        cost = costs(runs)
+        cost, on_cluster = costs(runs), read_runs(path.with_suffix("") / "cluster.json")
         sections: dict[str, Callable[[], str]] = {
             "flights": partial(flights_table, read_flights(path.with_suffix("") / "flights.json")),
             "load-runs": partial(runs_table, runs),
-            "load-cluster": partial(runs_table, read_runs(path.with_suffix("") / "cluster.json")),
+            "load-cluster": partial(runs_table, on_cluster),
+            "load-cluster-goals": partial(cluster_goals, max(on_cluster, key=lambda run: run["drones"])),
             "load-costs": partial(costs_table, cost),
             "load-needs": partial(needs_table, [needs(drones, cost, apiece) for drones in FLEETS], prices),
             "load-prices": partial(prices_list, prices),

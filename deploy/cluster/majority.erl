@@ -2,7 +2,7 @@
 %% do not see each other, while a third sees both, the one whose name sorts last keeps none either.
 %% RabbitMQ's cluster_partition_handling does nothing with Khepri (https://www.rabbitmq.com/docs/partitions).
 -module(majority).
--export([start/0]).
+-export([start/0, takes_clients/0]).
 
 -define(LOOK_MS, 1000).
 %% A node that was lost does not count for this long, even if it is back: nodes that lost this one have dropped its
@@ -33,7 +33,8 @@ answer(Listening) ->
 
 takes_clients() ->
     persistent_term:get(?MODULE, false)
-        andalso rabbit:is_running() andalso not rabbit_maintenance:is_being_drained_local_read(node()).
+        andalso rabbit:is_running() andalso is_pid(whereis(rabbit_mqtt_sup))
+        andalso not rabbit_maintenance:is_being_drained_local_read(node()).
 
 %% RabbitMQ may be stopped between a look and what follows from it, which ends the process that looks.
 keep() ->
@@ -64,7 +65,9 @@ watch(Served, Lost, Torn) ->
     Since = maps:from_list([{Each, maps:get(Each, Torn, Now)} || Each <- Members -- Seen, is_torn(Each, Others, Torn)]),
     New = [Each || Each := Then <- Since, is_integer(Then), Now - Then >= ?TORN_MS],
     NowTorn = maps:merge(Since, maps:from_keys(New, known)),
-    Serves = 2 * length(Seen) > length(Members) andalso [Each || Each := known <- NowTorn, Each < node()] =:= [],
+    %% Clients that a node has may stay until that is known; a node that has none, because it starts, takes none so long.
+    Stands = [Each || Each := Then <- NowTorn, Each < node(), Then =:= known orelse Served =/= true] =:= [],
+    Serves = Stands andalso 2 * length(Seen) > length(Members),
     persistent_term:put(?MODULE, Serves),
     %% A leader that reaches both: the two ends would depose each other, and nobody could subscribe.
     lists:member(known, maps:values(NowTorn)) andalso spawn(fun() -> rabbit_khepri:transfer_leadership(Others) end),

@@ -43,6 +43,37 @@ def test_a_run_has_its_median_delay_where_that_was_kept() -> None:
     assert f"| 54 ms, {known['slowest_s']:.2f} s |" in new
 
 
+def test_the_text_about_the_cluster_has_its_runs_figures() -> None:
+    small, one, _ = read_runs(RUNS.with_name("cluster.json"))
+    assert (small["cloud"], one["cloud"], small["drones"], one["drones"]) == ("cluster", "mosquitto", 250, 250)
+    text = PAGE.read_text(encoding="utf-8").split("### On a cluster\n", 1)[1].split("\n## ", 1)[0]
+    more = {role: 100 * (small["shares"][role] / one["shares"][role] - 1) for role in ("activators", "station")}
+    words = [sum(run["words"].values()) for run in (small, one)]
+    of_cluster, of_one = (sorted(round(each) for each in run["rss_mb"]["broker"]) for run in (small, one))
+    assert f"takes {1000 * small['median_s']:.0f} ms in the median instead of {1000 * one['median_s']:.0f}" in text
+    assert f"and {small['slowest_s']:.2f} s at most instead of {one['slowest_s']:.2f} s" in text
+    assert (
+        f"takes {100 * small['shares']['broker']:.0f} % of a core** and {of_cluster[0]} to {of_cluster[1]} MB" in text
+    )
+    assert f"takes {100 * one['shares']['broker']:.1f} % and {of_one[0]} MB" in text
+    assert (
+        f"take {more['activators']:.0f} % more than beside one Mosquitto, and the station {more['station']:.0f} %"
+        in text
+    )
+    assert f"there were {100 * (words[0] / words[1] - 1):.0f} % more commands" in text
+
+
+def test_the_text_about_a_machine_of_two_cores_has_its_runs_figures() -> None:
+    before, last = (run for run in read_runs() if run["drones"] == 1000)
+    text = PAGE.read_text(encoding="utf-8")
+    assert last["words"] == {"completed": sum(last["words"].values())}
+    assert (
+        f"all of {last['words']['completed']:,} commands were completed, the slowest in {last['slowest_s']:.2f} s"
+        in text
+    )
+    assert f"beside other programs, {before['words']['expired']:,} commands `expired`" in text
+
+
 def test_costs_are_found_again_in_what_they_make() -> None:
     found = costs([made_up(*of) for of in product((2, 10), (20, 200), (100, 3000))])
     for role, cost in OF.items():
