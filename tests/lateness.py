@@ -1,7 +1,9 @@
 """Tests on a late machine are run again; those that fly or measure times are inconclusive if it stays late.
 
-A process beside the tests sleeps in short steps and records when it woke up late: that is the machine's doing, not the
-code's. A test is run again if it fails in a way that lateness may cause, and the machine was late while the test ran or
+A process beside the tests (sleeper.py) sleeps in short steps and records when it woke up late: that is the machine's
+doing, not the code's.
+
+A test is run again if it fails in a way that lateness may cause, and the machine was late while the test ran or
 while one of its fixtures was set up (even for an earlier test of the file); or if its flight is Void. It then runs with
 new fixtures, at most TURNS times: a worker's tests do so once it has no others left, beside no tests but those that
 give way (workers.py), and hold nobody up until then. A test with one of MARKS waits until the machine is quieter, and
@@ -19,8 +21,6 @@ from __future__ import annotations
 import math
 import os
 import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
@@ -31,15 +31,13 @@ from _pytest.runner import runtestprotocol
 from xdist import is_xdist_worker
 
 from mqttxt import errors
+from tests.sleeper import Span, Watch
 
 MARKS = ("alone", "e2e", "integration")
 """The marks of tests that fly or measure times."""
 TURNS = 3
 AGAIN = "again"
 """The outcome of a turn after which a test is put off."""
-LATE_MS = 25
-"""Lateness that counts, in waking a sleeping process: on a machine with a core to spare it is one or two."""
-QUIET_S, PATIENCE_S = 5.0, 60.0
 CAUSED = (
     AssertionError,
     OSError,
@@ -51,23 +49,11 @@ CAUSED = (
 )
 """Errors that lateness may cause: a condition that does not hold, or something too late or not there yet."""
 Failures = Sequence[pytest.ExceptionInfo[BaseException]]
-Span = tuple[float, float]
-"""Begin and end, by time.monotonic()."""
 _TURN = pytest.StashKey[int]()
 _BESIDE = pytest.StashKey[str]()
 """The failure beside other tests, on a machine that was not late."""
 _ERRORS, _PLACES = pytest.StashKey[list[pytest.ExceptionInfo[BaseException]]](), pytest.StashKey[set[str]]()
 """The failures of this turn, and their places in all turns."""
-_SLEEPER = f"""
-import select, sys, time
-while True:
-    began = time.monotonic()
-    if select.select([sys.stdin], [], [], 0.01)[0]:
-        break
-    now = time.monotonic()
-    if now - began > 0.01 + {LATE_MS} / 1000:
-        print(now, round((now - began - 0.01) * 1000), flush=True)
-"""
 
 
 def is_again(item: pytest.Item) -> bool:
@@ -83,35 +69,6 @@ class Void(Exception):
     """A flight that does not count, with the reason: the testbed's verdict, which sees lateness that the sleeper does
     not.
     """
-
-
-class Watch:
-    """The process that sleeps; it ends with this one."""
-
-    def __init__(self) -> None:
-        number, path = tempfile.mkstemp()
-        self._file = Path(path)
-        self._process = subprocess.Popen([sys.executable, "-c", _SLEEPER], stdin=subprocess.PIPE, stdout=number)
-        os.close(number)
-
-    def late_ms(self, *spans: Span) -> int:
-        """The greatest lateness within the spans, 0 if it was never more than LATE_MS."""
-        whole, _, _ = self._file.read_text().rpartition("\n")  # a line may be half written yet
-        lines = [(float(at), int(late)) for at, late in map(str.split, whole.splitlines())]
-        return max((late for at, late in lines if any(since <= at <= until for since, until in spans)), default=0)
-
-    def wait_for_quiet(self) -> None:
-        began_s = time.monotonic()
-        while self.late_ms((time.monotonic() - QUIET_S, math.inf)) and time.monotonic() < began_s + PATIENCE_S:
-            time.sleep(1)
-
-    def give_way(self, nice: int) -> None:
-        """Give the sleeper the nice value of the tests that it watches for."""
-        os.setpriority(os.PRIO_PROCESS, self._process.pid, nice)
-
-    def end(self) -> None:
-        self._process.communicate()
-        self._file.unlink()
 
 
 _watch: Watch | None = None
@@ -167,6 +124,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     if turn == 1:
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         if item.path in _not_set_up:
+            # The test before left what this one has in common with it.
+            item.session._setupstate.teardown_exact(nextitem)
             _put_off(item)
             return True
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
@@ -178,7 +137,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         item.stash[_BESIDE] = f"{_place(item, failures[0])}: {_first_line(failures[0])}"
     if known is None and ((cause is not None and turn < TURNS) or (_BESIDE in item.stash and turn == 1)):
         over = pytest.CallInfo.from_call(lambda: item.session._setupstate.teardown_exact(None), "teardown")
-        if over.excinfo is None:
+        if over.excinfo is None or _cause([over.excinfo], watch.late_ms((began_s, math.inf))) is not None:
             item.ihook.pytest_timeout_cancel_timer(item=item)  # the next turn has its own
             if not is_xdist_worker(item.session):
                 item.stash[_TURN] = turn + 1

@@ -113,12 +113,16 @@ class Scheduling(LoadFileScheduling):  # type: ignore[misc]
         super().mark_test_complete(node, item_index, duration)
 
     def remove_node(self, node: WorkerController) -> str | None:
-        """As xdist's own, except that the test that killed its worker is not run again: it would kill the next one."""
-        units = self.assigned_work[node].values()
-        unit, crashed = next(((u, one) for u in units for one, is_done in u.items() if not is_done), ({}, None))
+        """As xdist's own, except that the test that killed its worker is not run again: it would kill the next one.
+
+        Nor are the units that are done shared out again: a worker that gets nothing but one of these waits for ever.
+        """
+        units = self.assigned_work[node]
+        crashed = next((one for unit in units.values() for one, is_done in unit.items() if not is_done), None)
         if crashed is not None:
-            unit[crashed] = True
+            units[self._split_scope(crashed)][crashed] = True
             self._left.discard(crashed)
+        self.assigned_work[node] = {scope: unit for scope, unit in units.items() if not all(unit.values())}
         super().remove_node(node)
         if crashed is not None:
             self._leave_once_none_is_left()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
+import signal
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
 
-from tests import lateness
+from tests import lateness, sleeper
 from tests.e2e import flying
 from tests.rigs.inner_pytest import run_pytest
 
@@ -19,9 +21,9 @@ OWN = """
 import os, signal, subprocess, time
 from pathlib import Path
 import pytest
-from tests import lateness
+from tests import lateness, sleeper
 
-lateness.QUIET_S = 0.2
+sleeper.QUIET_S = 0.2
 HERE = Path(__file__).parent
 
 def late():
@@ -44,8 +46,12 @@ def flown():
 def test_it(flown):
     FAILS
 """
-CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["integration: a", "long: b", "e2e: c"]\ntimeout = 30\n'
+CONFIGURATION = (
+    '[tool.pytest.ini_options]\nmarkers = ["integration: a", "long: b", "e2e: c", "alone: d"]\ntimeout = 30\n'
+)
 AGAIN = "assert flown > 1"
+FAR = "def test_far():\n    pass\n"
+ENDS = "    assert int(turns.read_text()) > 1\n"
 NOT_YET = "ExceptionGroup('one', [TimeoutError('not yet')])"
 
 
@@ -170,6 +176,28 @@ def test_the_tests_of_a_flight_that_is_flown_again_wait_for_it(tmp_path: Path) -
 
 
 @pytest.mark.long
+def test_what_comes_behind_a_test_that_waits_for_its_flight_finds_nothing_of_the_one_before(tmp_path: Path) -> None:
+    """Flights that are alone come last, so another file's are between those of one file."""
+    for name, test in (("other/test_it", FAR), ("flights/test_other", f"@pytest.mark.e2e\n{FAR}")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / f"{name}.py").write_text(f"import pytest\n\n{test}")
+    source = OWN.replace("MARK", "e2e").replace("FAILS", "pass")
+    source = source.replace("    return", f"    flown = int(turns.read_text())\n    {AGAIN}\n    return")
+    source += "\n@pytest.mark.e2e\n@pytest.mark.alone\ndef test_more(flown):\n    assert flown == 2\n"
+    lines = _run(source, "True", tmp_path, "--numprocesses", "1", at="flights/test_it_flies.py")
+    assert "4 passed, 2 again" in lines[-1], lines
+
+
+@pytest.mark.long
+def test_a_fixture_that_ends_badly_on_a_late_machine_is_made_again_too(tmp_path: Path) -> None:
+    source = OWN.replace("MARK", "integration").replace("FAILS", AGAIN)
+    source = source.replace("    return", "    yield").replace("@pytest.mark", f"{ENDS}\n@pytest.mark")
+    source += "\n@pytest.mark.integration\ndef test_more(flown):\n    pass\n"
+    lines = _run(source, "True", tmp_path)
+    assert "2 passed" in lines[-1], lines
+
+
+@pytest.mark.long
 def test_what_was_to_run_again_and_could_not_has_not_passed(tmp_path: Path) -> None:
     fails = "if flown > 1: os.kill(os.getpid(), signal.SIGKILL)\n    assert False"
     (tmp_path / "test_other.py").write_text("def test_other():\n    pass\n")
@@ -191,17 +219,19 @@ def test_what_a_fixture_did_again_by_itself_is_said_too(tmp_path: Path) -> None:
     assert "PASSED ALONE test_it.py::test_it, beside others a rule" in _run(SAYS, "False", tmp_path)
 
 
-def _run(source: str, late: str, folder: Path, *options: str, code: int | None = None) -> list[str]:
+def _run(
+    source: str, late: str, folder: Path, *options: str, code: int | None = None, at: str = "test_it.py"
+) -> list[str]:
     """The lines of a run, with this exit code, of tests whose fixture finds the machine late or not."""
     (folder / "tests").mkdir()
     (folder / "conftest.py").write_text((TESTS / "conftest.py").read_text())
-    for name in ("__init__.py", "workers.py", "lateness.py", "soak.py"):
+    for name in ("__init__.py", "workers.py", "lateness.py", "sleeper.py", "soak.py"):
         (folder / "tests" / name).write_text((TESTS / name).read_text())
     (folder / "pyproject.toml").write_text(CONFIGURATION)
-    (folder / "test_it.py").write_text(source.replace("LATE and", f"{late} and"))
+    (folder / at).write_text(source.replace("LATE and", f"{late} and"))
     if late == "False":  # nor may it be late by the load of this machine
-        lateness_py = folder / "tests" / "lateness.py"
-        lateness_py.write_text(lateness_py.read_text().replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
+        sleeper_py = folder / "tests" / "sleeper.py"
+        sleeper_py.write_text(sleeper_py.read_text().replace(f"LATE_MS = {sleeper.LATE_MS}", "LATE_MS = 10**9"))
     done = run_pytest(folder, *options)
     assert code in (None, done.returncode), done.stdout
     return [line for line in done.stdout.splitlines() if line]
@@ -258,14 +288,28 @@ def test_a_run_that_will_not_say_what_is_waited_for_is_ended(
 
 
 def test_a_line_that_is_half_written_is_read_when_it_is_whole() -> None:
-    watch = lateness.Watch()
+    watch = sleeper.Watch()
+    watch._process.send_signal(signal.SIGSTOP)
     try:
         with watch._file.open("a") as file:
-            file.write("9e9 40\n9e9")
+            file.write("8.5 9.5 40 False\n8.5 9.5")
             file.flush()
-            assert watch.late_ms((8e9, math.inf)) == 40
-            file.write(" 50\n")
+            assert watch._lines() == [["8.5", "9.5", "40", "False"]]
+            file.write(" 50 False\n")
             file.flush()
-            assert watch.late_ms((8e9, math.inf)) == 50
+            assert [line[2] for line in watch._lines()] == ["40", "50"]
+    finally:
+        watch._process.send_signal(signal.SIGCONT)
+        watch.end()
+
+
+def test_what_delays_a_test_to_its_end_may_delay_the_one_that_watches_for_longer() -> None:
+    watch = sleeper.Watch()
+    try:
+        watch.late_ms()  # it sleeps
+        watch._process.send_signal(signal.SIGSTOP)
+        began_s = time.monotonic()
+        threading.Timer(0.2, watch._process.send_signal, [signal.SIGCONT]).start()
+        assert watch.late_ms((began_s, began_s)) > sleeper.LATE_MS
     finally:
         watch.end()

@@ -14,7 +14,8 @@ from tests import workers
 from tests.rigs.inner_pytest import run_pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
-TESTS_OWN = [Path(__file__).parents[1] / name for name in ("__init__.py", "workers.py", "lateness.py", "soak.py")]
+OWN = ("__init__.py", "workers.py", "lateness.py", "sleeper.py", "soak.py")
+TESTS_OWN = [Path(__file__).parents[1] / name for name in OWN]
 ORDERED = "--no-loadscope-reorder"
 LIMIT_S = 300
 TESTS = """
@@ -44,6 +45,18 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(1)]
 def test_it():
     signal.signal(signal.SIGALRM, signal.SIG_IGN)
     time.sleep(200)
+"""
+ENDS = """
+import os, signal
+
+def test_it():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def test_one():
+    pass
+
+def test_two():
+    pass
 """
 FILES = {
     **{f"test_{name}": () for name in "abcd"},
@@ -111,6 +124,15 @@ def test_a_test_that_no_time_limit_ends_costs_its_worker_and_holds_nobody_up(tmp
     assert named < lines.index(next(line for line in lines if "short test summary" in line))
     assert "8 passed" in lines[-1], done.stdout
     assert "in test_it" in done.stderr
+
+
+@pytest.mark.long
+def test_what_was_left_to_a_worker_that_a_test_ended_is_run_by_another(tmp_path: Path) -> None:
+    """Its files that were done are not handed out with it."""
+    write(tmp_path, {"test_a": (), "test_b": ()})
+    (tmp_path / "test_c.py").write_text(ENDS)
+    done = run_pytest(tmp_path, ORDERED, "--numprocesses", "1", timeout_s=LIMIT_S)
+    assert "1 failed, 10 passed" in done.stdout.splitlines()[-1], done.stdout
 
 
 @pytest.mark.long
