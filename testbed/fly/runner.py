@@ -27,6 +27,7 @@ from .flights import mission_command, profile_of, remove_sockets, settings_of
 from .identities import make_identities
 from .manifest import describe, mosquitto_version
 from .observations import Clock, observe
+from .others import Others
 from .page_process import page_beside
 from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
 from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
@@ -196,6 +197,7 @@ def _fleet_up(
 
     The fleet is removed whatever happens. Raises LinksOff if the links are not as planned.
     """
+    others = Others()
     try:
         topology, folder = attempt.topology(), attempt.path / "links"
         nodes = [node.name for node in topology.nodes]
@@ -226,6 +228,8 @@ def _fleet_up(
         with signals_wait(), progress.phase("ending the containers"):
             used = _take_down(containers, attempt)
             manifest["cpu_s"] = {service: each.cpu_s for service, each in used.items()}
+            if not plan.machines:
+                manifest["host"]["others"] = others.share(sum(manifest["cpu_s"].values()))
             memory = {service: each.memory_bytes for service, each in used.items()}
             manifest["memory_bytes"] = {service: count for service, count in memory.items() if count is not None}
 

@@ -19,7 +19,7 @@ from . import delays, mavlink, mqttxt, readings, timeline
 from .causes import losses
 from .exchange import count_messages
 from .message_set import measure_kinds
-from .notes import machines_note, notes, unsent_note
+from .notes import machines_note, notes, others_note, unsent_note
 from .shaping import Shaping, read_shaping
 from .sizes import message_sizes
 from .traffic import count_before, count_foreign, count_links, count_mqtt
@@ -87,7 +87,7 @@ def _measured(
     described = mavlink.describe(packets, ways, window, shared) if is_mavlink else None
     said = notes(packets, shaping, by_cause, window, foreign)
     said += unsent_note(described["unsent"]) if described is not None else []
-    said += machines_note(manifest)
+    said += machines_note(manifest) + others_note(manifest)
     by_autopilots = attempt.autopilot_events()
     by_one_clock = {} if manifest.get("machines") else by_autopilots
     return {

@@ -12,6 +12,8 @@ from .causes import disagreements
 from .shaping import Shaping
 from .window import Window
 
+MUCH = 0.25
+"""From this share of the processors' time on other programs are noted; Docker and the testbed take some of it too."""
 _EVERYWHERE = {"arp", "ipv6", "igmp"}
 """Kinds of frames that the nodes of every network send by themselves."""
 
@@ -34,6 +36,14 @@ def notes(
     if shaping.is_shaped and shaping.measured and shaping.start_ns is None:
         said.append("losses by cause have those of the links' probes in them")
     return [*said, *shaping.notes, *disagreements(losses, shaping.is_shaped)]
+
+
+def others_note(manifest: Mapping[str, Any]) -> list[str]:
+    """For a flight beside programs that took much of the processors' time: its delays contain waiting for them."""
+    share = manifest["host"].get("others", 0.0)
+    if share < MUCH:
+        return []
+    return [f"other programs took {100 * share:.0f} % of the processors' time: delays contain waiting for them"]
 
 
 def machines_note(manifest: Mapping[str, Any]) -> list[str]:
