@@ -41,6 +41,7 @@ from mqttxt.gateway.settings import ClientSettings
 from mqttxt.gateway.telemetry import View
 from mqttxt.gateway.translation import Request
 from mqttxt.gateway.uploads import Uploads
+from mqttxt.gateway.work import Work
 from mqttxt.protocol.parameters import ParameterSet
 from mqttxt.station.heard import Record
 from mqttxt.station.outcomes import last_word
@@ -134,17 +135,13 @@ class Bench:
         self.peers: dict[str, Peer] = {}
         self.control = ClientControl(cast(GroundStation, FakeStation()), self.clients, lambda: self.now_ms, take_over)
         self.copies = PlanCopies()
-        self.uploads = Uploads(self.control, self.copies, self.view, lambda: self.now_ms, group, 5.0)
-        downloads = Downloads(self.control, self.copies, self.uploads, self.view, lambda: self.now_ms, group)
-        self.missions = Missions(self.uploads, downloads)
+        work = Work(self.control, self.view, lambda: self.now_ms, group, 5.0)
+        self.uploads = Uploads(work, self.copies)
+        self.missions = Missions(self.uploads, Downloads(work, self.copies, self.uploads))
         self.parameter_copies = ParameterCopies()
-        settings = ClientSettings(
-            self.control, self.parameter_copies, self._send_to_all, lambda: self.now_ms, group, 5.0
-        )
-        self.parameters = ClientParameters(
-            self.control, self.parameter_copies, settings, self.view, lambda: self.now_ms, group
-        )
-        self.desk = Desk(self.control, self.uploads, self.view, lambda: self.now_ms, group, 5.0)
+        settings = ClientSettings(work, self.parameter_copies, self._send_to_all)
+        self.parameters = ClientParameters(work, self.parameter_copies, settings)
+        self.desk = Desk(work, self.uploads)
 
     def view(self, drone: Any) -> View:
         known = {state.name: KnownState(state, self.age_ms) for state in self.states}

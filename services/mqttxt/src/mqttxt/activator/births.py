@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from ..core.effects import Effect, Publish
-from ..protocol.topics import CloudSide, FogSide
 from ..security.certificate import Certificate
 from .drones import CLOUD, FOG, Drones
-from .leases import Leases
+from .part import Part, Site
 
 
-class Births:
+class Births(Part):
     """The newest birth of each station and drone that signs (R12.6)."""
 
-    def __init__(self, cloud: CloudSide, fog: FogSide, drones: Drones, leases: Leases) -> None:
-        self._cloud = cloud
-        self._fog = fog
+    def __init__(self, site: Site, drones: Drones) -> None:
+        super().__init__(site)
         self._drones = drones
-        self._leases = leases
         self._stations: dict[str, tuple[Certificate, int, bytes]] = {}
         self._of_drones: dict[int, bytes] = {}
 

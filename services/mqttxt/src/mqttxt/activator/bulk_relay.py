@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Log, Publish
-from ..core.session_owners import SessionOwners
 from ..protocol.bulk import BulkAnswer, BulkAsk
 from ..protocol.codec import decode
-from ..protocol.topics import CloudSide, DroneTopic, FogSide
+from ..protocol.topics import DroneTopic
 from ..security.cose import Envelope
 from .drones import CLOUD, FOG, Drones
-from .leases import Leases
+from .part import Part, Site
 
 MOST_UNANSWERED = 8
 """How many unanswered messages a drone may have; a station that keeps to the rules sends two."""
@@ -18,24 +16,12 @@ FORGIVEN_MS = 2000
 """How long after the first of them unanswered messages count as lost."""
 
 
-class BulkRelay:
+class BulkRelay(Part):
     """Relays messages of the station in control to a drone, and the drone's answers."""
 
-    def __init__(
-        self,
-        to_cloud: Channel,
-        to_fog: Channel,
-        cloud: CloudSide,
-        fog_side: FogSide,
-        drones: Drones,
-        leases: Leases,
-        owners: SessionOwners,
-    ) -> None:
-        self._to_cloud, self._to_fog = to_cloud, to_fog
-        self._cloud, self._fog = cloud, fog_side
+    def __init__(self, site: Site, drones: Drones) -> None:
+        super().__init__(site)
         self._drones = drones
-        self._leases = leases
-        self._owners = owners
         self._unanswered: dict[int, tuple[int, int]] = {}
         """By drone: how many messages, and when the first of them was sent, ms."""
 

@@ -11,12 +11,10 @@ from collections.abc import Callable, Hashable
 from dataclasses import replace
 from typing import Any
 
-from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS, expiry_s
 from ..core.effects import Audit, Effect, Inbound, Log, Publish
 from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
 from ..core.ledger import FOG_CAPACITY, OVERRIDING, Admission, Entry, Ledger, Share
-from ..core.session_owners import SessionOwners
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
 from ..errors import PayloadError
 from ..protocol.codec import decode
@@ -35,13 +33,13 @@ from ..protocol.commands import (
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, RosterEntry, Word
 from ..protocol.rankings import SelectMessage, SelectMode
-from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
+from ..protocol.topics import DroneTopic, FogTopic
 from ..protocol.words import NO_DEADLINE, NOT_AUDITED
 from .command_words import RelayWords
 from .drone_link import DroneLink
 from .drones import Drones
-from .leases import Leases
 from .legs import CHOSEN, Job, Leg
+from .part import Part, Site
 from .signed_commands import SignedCommand, SignedCommands
 from .together import WordsTogether
 
@@ -55,7 +53,7 @@ SECOND_MS = 500
 """How long after a command was sent over one connection it is sent over all, unless a word has arrived (R19.5)."""
 
 
-class Relay:
+class Relay(Part):
     """The commands of one activator session; `words` publishes their results.
 
     `on_overriding` is called with the id of each hold, land or return, also of one that is denied. While
@@ -65,28 +63,19 @@ class Relay:
 
     def __init__(
         self,
-        session: int,
-        to_cloud: Channel,
-        to_fog: Channel,
-        cloud: CloudSide,
-        fog: FogSide,
+        site: Site,
         drones: Drones,
-        leases: Leases,
-        owners: SessionOwners,
-        *,
         together: WordsTogether,
+        *,
         has_paths: bool,
         is_audited: Callable[[], bool] | None,
     ) -> None:
-        self._session = session
-        self._leases = leases
-        self._owners = owners
-        self._channel = to_fog
-        self._fog = fog
+        super().__init__(site)
         self._drones = drones
-        self.signed = SignedCommands(to_cloud.seal, owners) if to_cloud.seal is not None else None
+        seal = site.to_cloud.seal
+        self.signed = SignedCommands(seal, site.owners) if seal is not None else None
         self.ledger: Ledger[Job] = Ledger(FOG_CAPACITY)
-        self.words = RelayWords(session, to_cloud, cloud, drones, leases, self.ledger, together)
+        self.words = RelayWords(site, drones, self.ledger, together)
         self.fog_connected = False
         self.has_paths = has_paths
         self._repetitions: Repetitions[CommandId] = Repetitions()
@@ -259,7 +248,7 @@ class Relay:
         said, sent = self.words.say_roster(entry, roster, now_ms), list[Effect]()
         for listed in roster:
             for effect in self.forward(entry, listed.drone, now_ms):
-                is_sent = isinstance(effect, Publish) and effect.link == self._channel.link
+                is_sent = isinstance(effect, Publish) and effect.link == self._to_fog.link
                 (sent if is_sent else said).append(effect)
         if not job.legs:
             self.ledger.close(entry, now_ms)
@@ -302,7 +291,7 @@ class Relay:
         if deadline_ms is None or deadline_ms <= 0 or link.session is None:
             return self.words.close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
         leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
-        leg.retry = Retry.of(self._channel.settings.qos, now_ms, remaining_ms)
+        leg.retry = Retry.of(self._to_fog.settings.qos, now_ms, remaining_ms)
         leg.second_ms = now_ms + SECOND_MS if self.has_paths else None
         if isinstance(job.message.command, Offboard):
             link.in_offboard, link.next_lease_ms = True, now_ms
@@ -321,14 +310,14 @@ class Relay:
     def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
         assert leg.sent is not None
         leg.publishes += 1
-        topic, signed, qos = self._fog.commands(leg.drone), entry.record.signed, self._channel.settings.qos
+        topic, signed, qos = self._fog.commands(leg.drone), entry.record.signed, self._to_fog.settings.qos
         if signed is None:
-            payload = self._channel.payload(topic, leg.sent)
+            payload = self._to_fog.payload(topic, leg.sent)
         else:
             payload = signed.for_drone(leg.drone, leg.sent.deadline_ms or QUERY_DEADLINE_MS)
         ref, everywhere = (entry.id, leg.drone), leg.publishes > 1 or isinstance(entry.record.message.command, SAFETY)
         expiry = expiry_s(remaining_ms)
-        return Publish(self._channel.link, topic, payload, qos, expiry_s=expiry, ref=ref, everywhere=everywhere)
+        return Publish(self._to_fog.link, topic, payload, qos, expiry_s=expiry, ref=ref, everywhere=everywhere)
 
     def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Audit, Effect, Log, Publish
 from ..core.ledger import Entry, Ledger
@@ -21,40 +20,26 @@ from ..protocol.messages import (
     Word,
     without_contradiction,
 )
-from ..protocol.topics import CloudSide
 from ..protocol.words import NO_DEADLINE
 from ..security.cose import Envelope
 from .drone_link import DroneLink
 from .drones import Drones
-from .leases import Leases
 from .legs import CHOSEN, Job, Leg
+from .part import Part, Site
 from .together import WordsTogether
 
 
-class RelayWords:
+class RelayWords(Part):
     """The words about one activator session's commands. `on_last_word` is called for each closed leg of a choice.
 
     Words are published in their order: those that wait in `together` before any other.
     """
 
-    def __init__(
-        self,
-        session: int,
-        to_cloud: Channel,
-        cloud: CloudSide,
-        drones: Drones,
-        leases: Leases,
-        ledger: Ledger[Job],
-        together: WordsTogether,
-    ) -> None:
+    def __init__(self, site: Site, drones: Drones, ledger: Ledger[Job], together: WordsTogether) -> None:
+        super().__init__(site)
         self._together = together
         self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
-        self._session = session
-        self._name = f"fog{cloud.fog}"
-        self._channel = to_cloud
-        self._cloud = cloud
         self._drones = drones
-        self._leases = leases
         self._ledger = ledger
 
     def on_result(
@@ -107,7 +92,7 @@ class RelayWords:
         """Deny a command for the whole fog."""
         result = self._fog_result(entry.id, None, reason, now_ms)
         entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
-        audit = Audit("word", result, now_ms, self._name, None, self._channel.seal is not None)
+        audit = Audit("word", result, now_ms, self._name, None, self._to_cloud.seal is not None)
         return [audit, *self._together.flush(now_ms), entry.record.answer]
 
     def deny(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> list[Effect]:
@@ -129,7 +114,7 @@ class RelayWords:
         link = self._drones.links.get(leg.drone)
         if leg.is_closed and link is not None and isinstance(entry.record.message.command, Offboard):
             link.in_offboard = self._is_in_offboard(leg.drone)
-        leg.retry = Retry.after_word(self._channel.settings.qos, now_ms)
+        leg.retry = Retry.after_word(self._to_cloud.settings.qos, now_ms)
         if entry.record.is_over:
             self._ledger.close(entry, now_ms)
         signed = leg.signed.get(result)
@@ -154,7 +139,7 @@ class RelayWords:
     def _audited(self, leg: Leg, word: ResultMessage, now_ms: int) -> Audit:
         """The audit record of a last word, of a drone or of this activator in its place."""
         who = self._name if word.session == self._session else f"drone{leg.drone}"
-        is_signed = self._channel.seal is not None and (who == self._name or word in leg.signed)
+        is_signed = self._to_cloud.seal is not None and (who == self._name or word in leg.signed)
         return Audit("word", word, now_ms, who, leg.drone, is_signed)
 
     def _is_in_offboard(self, drone: int) -> bool:
@@ -195,9 +180,9 @@ class RelayWords:
         """Publish a word; one that its drone signed is passed on unchanged, with the relay's route (R12.11)."""
         topic = self._cloud.drone_result(drone, name)
         if signed is None:
-            return self._channel.publish(topic, result)
+            return self._to_cloud.publish(topic, result)
         payload = signed.routed([result.relay_stamp, bool(result.settled)]).encode()
-        return Publish(self._channel.link, topic, payload, self._channel.settings.qos)
+        return Publish(self._to_cloud.link, topic, payload, self._to_cloud.settings.qos)
 
     def _publish_of_fog(self, name: str, result: FogResultMessage) -> Publish:
-        return self._channel.publish(self._cloud.fog_result(name), result)
+        return self._to_cloud.publish(self._cloud.fog_result(name), result)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import secrets
 
-from ..core.channel import Channel
 from ..core.clock import Beacon
 from ..core.effects import Effect, Log, Publish
 from ..core.settings import Rebirth
 from ..protocol.control import DroneLease, DroneRecord
 from ..protocol.messages import BeaconMessage, Presence, RosterEntry
-from ..protocol.topics import CloudSide, FogSide
 from .drone_link import DroneLink
-from .leases import Key, Leases
+from .leases import Key
+from .part import Part, Site
 
 FOG = "fog"
 CLOUD = "cloud"
@@ -23,7 +22,7 @@ OFFBOARD_LEASE_MS = 3000
 OFFBOARD_RENEWAL_MS = 500
 
 
-class Drones:
+class Drones(Part):
     """Every drone configured for the fog or seen in this session.
 
     `appeared` has drones, and `roster_changed` a change, that the activator has not handled yet. `tells`: this session
@@ -31,23 +30,9 @@ class Drones:
     been that once, and hands down leases; before that they would end control that another activator has given.
     """
 
-    def __init__(
-        self,
-        session: int,
-        to_cloud: Channel,
-        to_fog: Channel,
-        cloud: CloudSide,
-        fog: FogSide,
-        configured: tuple[int, ...],
-        leases: Leases,
-    ) -> None:
-        self._session = session
-        self._settings = to_cloud.settings
-        self._to_cloud = to_cloud
-        self._to_fog = to_fog
-        self._cloud = cloud
-        self._fog = fog
-        self._leases = leases
+    def __init__(self, site: Site, configured: tuple[int, ...]) -> None:
+        super().__init__(site)
+        self._settings = site.to_cloud.settings
         self.links: dict[int, DroneLink] = {number: DroneLink(number) for number in configured}
         self._of_before: set[int] = set()
         self.were_shown = False

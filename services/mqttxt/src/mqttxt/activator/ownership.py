@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import secrets
 
-from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Publish, Stop, Subscribe, Unsubscribe, Will
-from ..core.session_owners import SessionOwners
 from ..core.settings import RESEND_FIRST_MS, Rebirth
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.control import DroneRecord, Registration
 from ..protocol.messages import BeaconMessage, FogPresence
-from ..protocol.topics import CloudSide, DroneTopic, FogTopic
+from ..protocol.topics import DroneTopic, FogTopic
 from .births import Births
 from .drones import CLOUD, Drones
+from .part import Part, Site
 
 CHALLENGE_MS = 3000
 """How long another live activator of this fog has to answer before this one takes its place.
@@ -23,27 +22,14 @@ For as long after its first birth this one also challenges a session that the br
 """
 
 
-class Ownership:
+class Ownership(Part):
     """One activator session's claim to its fog. `born`: it is the fog's activator, and has published its birth."""
 
-    def __init__(
-        self,
-        session: int,
-        channel: Channel,
-        cloud: CloudSide,
-        drones: Drones,
-        births: Births,
-        owners: SessionOwners,
-        broker: str | None,
-    ) -> None:
+    def __init__(self, site: Site, drones: Drones, births: Births, broker: str | None) -> None:
+        super().__init__(site)
         self.born = False
-        self._name = f"fog{cloud.fog}"
-        self._session = session
-        self._channel = channel
-        self._cloud = cloud
         self._drones = drones
         self._births = births
-        self._owners = owners
         self._broker = broker
         self._first_born_ms: int | None = None
         self._by_name: tuple[str, ...] = ()
@@ -63,7 +49,7 @@ class Ownership:
 
     def will(self) -> Will:
         """The will of the connection to the cloud broker."""
-        return Will(self._cloud.reachable, self._channel.payload(self._cloud.reachable, self._presence(up=False)))
+        return Will(self._cloud.reachable, self._to_cloud.payload(self._cloud.reachable, self._presence(up=False)))
 
     def on_cloud_down(self) -> None:
         self.born = self._drones.tells = False
@@ -96,14 +82,14 @@ class Ownership:
     def on_presence(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/reachable`: corrected if it is not this session's birth; before the birth it shows a rival session."""
         try:
-            presence = decode(FogPresence, self._channel.opened(message, self._name))
+            presence = decode(FogPresence, self._to_cloud.opened(message, self._name))
         except PayloadError:
-            if self._channel.seal is not None and self.born:
+            if self._to_cloud.seal is not None and self.born:
                 self._rebirth.arm(now_ms)
             raise
         if presence.session == self._session:
             is_newest = message.payload == self._newest_birth
-            if self.born and not is_newest and (self._channel.seal is not None or not presence.up):
+            if self.born and not is_newest and (self._to_cloud.seal is not None or not presence.up):
                 self._rebirth.arm(now_ms)
             return []
         if self.born:
@@ -117,8 +103,8 @@ class Ownership:
 
     def on_clock(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/clock`: a rival's beacon proves it alive; before the birth the own one ends the retained messages."""
-        beacon = decode(BeaconMessage, self._channel.opened(message, self._name))
-        is_answer = self._channel.seal is None or beacon.nonce == self._challenge_nonce
+        beacon = decode(BeaconMessage, self._to_cloud.opened(message, self._name))
+        is_answer = self._to_cloud.seal is None or beacon.nonce == self._challenge_nonce
         is_younger = not self.born or beacon.now_ms >= now_ms
         if beacon.session == self._rival and is_answer and is_younger:
             return [Stop(f"refused: another live activator is fog {self._cloud.fog} already")]
@@ -142,7 +128,7 @@ class Ownership:
     def on_record(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A drone's record: corrected if it is not this session's newest; before the birth it shows who had control."""
         try:
-            record = decode(DroneRecord, self._channel.opened(message, self._name))
+            record = decode(DroneRecord, self._to_cloud.opened(message, self._name))
         except PayloadError:
             if self.born:
                 self._drones.on_record(topic.drone, None, now_ms)
@@ -168,12 +154,12 @@ class Ownership:
 
     def beacon(self, now_ms: int, nonce: int | None = None) -> Publish:
         """Publish a beacon, in answer to `nonce` if there is one."""
-        self._next_beacon_ms = now_ms + self._channel.settings.beacon_interval_ms
+        self._next_beacon_ms = now_ms + self._to_cloud.settings.beacon_interval_ms
         held_ms = 0 if nonce is not None else None
         message = BeaconMessage(
-            session=self._session, now_ms=now_ms, nonce=nonce, held_ms=held_ms, revoked=self._channel.list_number
+            session=self._session, now_ms=now_ms, nonce=nonce, held_ms=held_ms, revoked=self._to_cloud.list_number
         )
-        return self._channel.publish(self._cloud.clock, message, qos=0)
+        return self._to_cloud.publish(self._cloud.clock, message, qos=0)
 
     def _go_on(self, now_ms: int) -> list[Effect]:
         """No other activator has the fog: publish the birth, or first subscribe to missing records by name (R6.9)."""
@@ -195,7 +181,7 @@ class Ownership:
         self._challenge_until_ms = now_ms + CHALLENGE_MS
         self._challenge_nonce = secrets.randbelow(2**32)
         question = Registration(name="activator", session=self._session, nonce=self._challenge_nonce, lease_s=0)
-        return self._channel.publish(self._cloud.init_connect, question, qos=1)
+        return self._to_cloud.publish(self._cloud.init_connect, question, qos=1)
 
     def _be_born(self, now_ms: int) -> list[Effect]:
         self.born = self._drones.tells = self._drones.leads = True
@@ -213,14 +199,14 @@ class Ownership:
             session=self._session,
             up=up,
             broker=self._broker if up else None,
-            authenticated=self._channel.seal is not None if up else None,
+            authenticated=self._to_cloud.seal is not None if up else None,
             drones=self._drones.roster() if up else None,
-            revoked=self._channel.list_number if up else None,
+            revoked=self._to_cloud.list_number if up else None,
         )
 
     def _publish_presence(self, up: bool) -> Publish:
         self._drones.roster_changed = False
         topic, presence = self._cloud.reachable, self._presence(up)
-        said = self._channel.publish(topic, presence, qos=1, retain=True, with_certificate=up)
+        said = self._to_cloud.publish(topic, presence, qos=1, retain=True, with_certificate=up)
         self._newest_birth = said.payload
         return said

@@ -23,6 +23,7 @@ from .command_relay import Relay
 from .drones import CLOUD, FOG, Drones
 from .leases import Leases
 from .ownership import Ownership
+from .part import Site
 from .selector import Selector
 from .sensor_relay import Carried, SensorRelay
 from .state_relay import StateRelay
@@ -70,45 +71,18 @@ class Activator:
         self._to_cloud = Channel(CLOUD, self.cloud.prefix, settings, seal)
         self._to_fog = Channel(FOG, self.fog_side.root, settings, seal)
         self.owners = SessionOwners(self.leases.names)
-        self.drones = Drones(session, self._to_cloud, self._to_fog, self.cloud, self.fog_side, drones, self.leases)
+        site = Site(session, self._to_cloud, self._to_fog, self.cloud, self.fog_side, self.leases, self.owners)
+        self.drones = Drones(site, drones)
         self.together = WordsTogether(session, self._to_cloud, self.cloud)
-        self.relay = Relay(
-            session,
-            self._to_cloud,
-            self._to_fog,
-            self.cloud,
-            self.fog_side,
-            self.drones,
-            self.leases,
-            self.owners,
-            together=self.together,
-            has_paths=has_paths,
-            is_audited=is_audited,
-        )
-        self.selector = Selector(
-            session, self._to_cloud, self.cloud, self.drones, self.leases, self.relay, self.together
-        )
+        self.relay = Relay(site, self.drones, self.together, has_paths=has_paths, is_audited=is_audited)
+        self.selector = Selector(site, self.drones, self.relay, self.together)
         self.states = StateRelay(session, self._to_cloud, self._to_fog, self.cloud, self.drones, self.leases)
         self.sensors = SensorRelay(self._to_fog, self.cloud, self.fog_side, self.leases)
-        self.bulk = BulkRelay(
-            self._to_cloud, self._to_fog, self.cloud, self.fog_side, self.drones, self.leases, self.owners
-        )
-        self._births = Births(self.cloud, self.fog_side, self.drones, self.leases)
-        self.ownership = Ownership(session, self._to_cloud, self.cloud, self.drones, self._births, self.owners, broker)
+        self.bulk = BulkRelay(site, self.drones)
+        self._births = Births(site, self.drones)
+        self.ownership = Ownership(site, self.drones, self._births, broker)
         self._hearing = Hearing(CLOUD, self.ownership.introduction)
-        self._stations = Stations(
-            session,
-            self._to_cloud,
-            self._to_fog,
-            self.fog_side,
-            self.drones,
-            self.leases,
-            self.owners,
-            self._births,
-            self.ownership,
-            self.states,
-            self.sensors,
-        )
+        self._stations = Stations(site, self.drones, self._births, self.ownership, self.states, self.sensors)
         self._of_drones = TokenBucket(DRONE_PER_S, DRONE_AT_ONCE)
         self._presence_of_drones = TokenBucket(PRESENCE_PER_S, PRESENCE_AT_ONCE)
         self._seal = seal
@@ -187,7 +161,7 @@ class Activator:
             take = self._handlers.get((link, type(topic), topic.kind))
             if take is None:
                 raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
-            return take(topic, message, now_ms) if self.born or topic.kind not in _ONCE_BORN else []
+            return take(topic, message, now_ms) if self.ownership.born or topic.kind not in _ONCE_BORN else []
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Effect, Inbound, Publish
 from ..core.floods import Repetitions
@@ -16,12 +15,12 @@ from ..errors import PayloadError
 from ..protocol.commands import Goto
 from ..protocol.messages import CommandId, Word
 from ..protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
-from ..protocol.topics import CloudSide, FogTopic
+from ..protocol.topics import FogTopic
 from ..protocol.words import CERTIFICATE_EXPIRED, PASSED_OVER
 from .command_relay import Relay
 from .drones import Drones
-from .leases import Leases
 from .legs import CHOSEN, Job, Leg
+from .part import Part, Site
 from .psmi import rank
 from .signed_commands import SelectContents
 from .together import WordsTogether
@@ -57,24 +56,12 @@ class Reservation:
     until_ms: int
 
 
-class Selector:
+class Selector(Part):
     """The choices of one activator session."""
 
-    def __init__(
-        self,
-        session: int,
-        to_cloud: Channel,
-        cloud: CloudSide,
-        drones: Drones,
-        leases: Leases,
-        relay: Relay,
-        together: WordsTogether,
-    ) -> None:
-        self._session = session
-        self._channel = to_cloud
-        self._cloud = cloud
+    def __init__(self, site: Site, drones: Drones, relay: Relay, together: WordsTogether) -> None:
+        super().__init__(site)
         self._drones = drones
-        self._leases = leases
         self._relay = relay
         self._together = together
         self._choices: dict[CommandId, Choice] = {}
@@ -89,7 +76,7 @@ class Selector:
         Where messages are signed, raises PayloadError before anything is answered or entered.
         """
         read = self._relay.signed.select if self._relay.signed is not None else _unsigned
-        contents = read(self._channel.signed_topic(message.topic), message.payload)
+        contents = read(self._to_cloud.signed_topic(message.topic), message.payload)
         try:
             wanted, signed = contents.read()
             if wanted.command.name != topic.name or not isinstance(wanted.command, Goto):
@@ -153,7 +140,7 @@ class Selector:
             epoch=wanted.epoch,
             busy=self._relay.busy_drones() | {held.drone for held in self._reservations.values()},
             tried=tried,
-            stale_ms=self._channel.settings.state_limit_ms,
+            stale_ms=self._to_cloud.settings.state_limit_ms,
             now_ms=now_ms,
         )
 
@@ -276,7 +263,7 @@ class Selector:
             chosen=chosen,
             hold_until_ms=hold_until_ms,
         )
-        choice.chosen, choice.said = chosen, self._channel.publish(self._cloud.psmi, message)
+        choice.chosen, choice.said = chosen, self._to_cloud.publish(self._cloud.psmi, message)
         return [*self._together.flush(now_ms), choice.said]
 
     def _said_again(self, command_id: CommandId) -> list[Effect]:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Log, Publish
 from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
-from ..core.session_owners import SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.control import Grant, Registration
 from ..protocol.messages import Presence
 from ..protocol.readings import ReadingAck
-from ..protocol.topics import DroneTopic, FogSide, FogTopic, StationTopic
+from ..protocol.topics import DroneTopic, FogTopic, StationTopic
 from ..security.cose import Envelope
 from ..security.seal import Seal
 from .births import Births
 from .drones import FOG, Drones
-from .leases import Leases
 from .ownership import Ownership
+from .part import Part, Site
 from .registrations import SignedRegistrations, is_question
 from .sensor_relay import SensorRelay
 from .state_relay import StateRelay
@@ -30,29 +28,20 @@ BIRTHS_PER_S, BIRTHS_AT_ONCE = 10, 100
 """Limits for births and wills of one station, which may have 64 sessions."""
 
 
-class Stations:
+class Stations(Part):
     """Serves the stations that register at one activator session."""
 
     def __init__(
         self,
-        session: int,
-        to_cloud: Channel,
-        to_fog: Channel,
-        fog: FogSide,
+        site: Site,
         drones: Drones,
-        leases: Leases,
-        owners: SessionOwners,
         births: Births,
         ownership: Ownership,
         states: StateRelay,
         sensors: SensorRelay,
     ) -> None:
-        self._to_cloud = to_cloud
-        self._to_fog = to_fog
-        self._fog = fog
+        super().__init__(site)
         self._drones = drones
-        self._leases = leases
-        self._owners = owners
         self._births = births
         self._ownership = ownership
         self._states = states
@@ -61,8 +50,8 @@ class Stations:
         self._births_budget = TokenBucket(BIRTHS_PER_S, BIRTHS_AT_ONCE)
         self._welcomes: Repetitions[str] = Repetitions()
         self._shown: Repetitions[str] = Repetitions()
-        self._session = session
-        self._signed = SignedRegistrations(session, to_cloud.seal, owners) if to_cloud.seal is not None else None
+        seal = site.to_cloud.seal
+        self._signed = SignedRegistrations(site.session, seal, site.owners) if seal is not None else None
 
     def on_registration(self, topic: FogTopic, inbound: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/init_connect`: answered with a beacon, a registration with `anew` also with the drones' records."""

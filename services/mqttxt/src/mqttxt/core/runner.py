@@ -209,7 +209,7 @@ class Runner:
         """Carry out effects in their order."""
         for output in outputs:
             if isinstance(output, Publish):
-                self._way(output.link).publish(output)
+                (self.bonds.get(output.link) or self.links[output.link]).publish(output)
             else:
                 self.does[type(output)](output)
         self.carried_out()

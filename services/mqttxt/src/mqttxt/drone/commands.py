@@ -17,7 +17,6 @@ from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, ResultMessage, Word, without_contradiction
-from ..protocol.parameters import ParameterSet
 from ..protocol.topics import FogSide
 from ..protocol.values import shown
 from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_IN_CONTROL
@@ -27,8 +26,6 @@ from .answers import CommandResults, Unfinished, result_of
 from .effects import Effect, Journal
 from .executor import Executor
 from .first_words import FirstWords
-from .mavlink.raw import Limits
-from .mavlink.vehicle import Vehicle
 from .runs import Output, Said
 from .start_order import StartOrder
 
@@ -40,6 +37,7 @@ KEPT_BACK_MS = 1000
 class CommandDesk:
     """The commands of one UAV client session: ledger, order, executor, and the words about them.
 
+    `unfinished` are those of earlier sessions.
     `remembers` false: the journal of earlier sessions is missing or has a gap, so the outcome of an id that may have
     been theirs is unknown. `epoch` is that of the drone's control, which the activator's lease ends at
     `held_until_ms`. Commands are judged by the lease alone, because they have their own deadline (R12.14).
@@ -54,14 +52,11 @@ class CommandDesk:
         session: int,
         channel: Channel,
         topics: FogSide,
-        vehicle: Vehicle,
-        unfinished: list[Unfinished],
+        executor: Executor,
         owners: SessionOwners,
-        remembers: bool = True,
-        limits: Limits | None = None,
-        staged: Callable[[bytes], bytes | None] = lambda _: None,
-        kept_parameters: ParameterSet | None = None,
         *,
+        unfinished: list[Unfinished],
+        remembers: bool,
         has_paths: bool,
         is_audited: Callable[[], bool] | None,
     ) -> None:
@@ -71,7 +66,7 @@ class CommandDesk:
         settings = channel.settings
         # Over several connections no word waits: a command without an early word is sent over another one.
         self.first_words = FirstWords(settings.bundle_ms if settings.bundles and not has_paths else None)
-        self.executor = Executor(vehicle, limits, staged, kept_parameters)
+        self.executor = executor
         self.may_publish = False
         self.republish_at_ms: int | None = None
         self.epoch = 0

@@ -9,18 +9,23 @@ from dataclasses import dataclass, field, replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..protocol.plans import PlanItem, PlanList, list_hash
-from .mavlink.mission_protocol import FENCE_CIRCLES, FENCE_CORNERS, ExchangeFailed, Steps, read, set_current, write
+from .mavlink.mission_protocol import (
+    FENCE_CIRCLES,
+    FENCE_CORNERS,
+    ExchangeFailed,
+    Steps,
+    jumping,
+    plain_frame,
+    read,
+    set_current,
+    write,
+)
 from .mavlink.plans import CannotExecute
 from .mavlink.vehicle import Vehicle
 
 Items = tuple[PlanItem, ...]
 _HOME = PlanItem(mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0, True)
 """The placeholder for home, which an autopilot fills in itself."""
-_PLAIN_FRAMES = {
-    mavlink.MAV_FRAME_GLOBAL_INT: mavlink.MAV_FRAME_GLOBAL,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
-}
 _CLOSE = 1e-3
 
 
@@ -141,12 +146,12 @@ class PlanLists:
         """Items in the autopilot's form: home in front if it keeps one there, and jumps by its own numbers."""
         if not items:
             return ()
-        return (_HOME,) * self._home_items(kind) + tuple(_jumping(item, self._home_items(kind) - 1) for item in items)
+        return (_HOME,) * self._home_items(kind) + tuple(jumping(item, self._home_items(kind) - 1) for item in items)
 
     def _of_autopilot(self, items: Items, kind: PlanList) -> Items:
         home_items = self._home_items(kind)
-        own = (replace(item, frame=_PLAIN_FRAMES.get(item.frame, item.frame)) for item in items[home_items:])
-        return tuple(_jumping(item, 1 - home_items) for item in own)
+        own = (replace(item, frame=plain_frame(item.frame)) for item in items[home_items:])
+        return tuple(jumping(item, 1 - home_items) for item in own)
 
     def _alike(self, wanted: Items, found: Items, kind: PlanList) -> bool:
         """Whether two lists are equal in the fields that this kind of autopilot keeps.
@@ -165,20 +170,12 @@ def _corner(item: PlanItem) -> PlanItem:
     return replace(item, frame=frame, params=(first, 0.0, 0.0, 0.0), z=z, autocontinue=False)
 
 
-def _jumping(item: PlanItem, by: int) -> PlanItem:
-    """A DO_JUMP with its target moved by `by` items; any other item unchanged."""
-    if item.command != mavlink.MAV_CMD_DO_JUMP or item.params[0] is None:
-        return item
-    return replace(item, params=(item.params[0] + by, *item.params[1:]))
-
-
 def _close(one: PlanItem, other: PlanItem) -> bool:
     """Whether two items are equal, up to rounding."""
     floats = [(*each.params, each.z) for each in (one, other)]
     if (one.command, one.x, one.y, one.autocontinue) != (other.command, other.x, other.y, other.autocontinue):
         return False
-    frames = [_PLAIN_FRAMES.get(each.frame, each.frame) for each in (one, other)]
-    return frames[0] == frames[1] and all(_same(a, b) for a, b in zip(*floats, strict=True))
+    return plain_frame(one.frame) == plain_frame(other.frame) and all(_same(a, b) for a, b in zip(*floats, strict=True))
 
 
 def _same(a: float | None, b: float | None) -> bool:

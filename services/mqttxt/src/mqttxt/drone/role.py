@@ -30,6 +30,7 @@ from .control import SessionControl
 from .effects import Effect
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
+from .executor import Executor
 from .heartbeats import Heartbeats
 from .log_work import LogDone, LogFault, LogLoaded
 from .mavlink.vehicle import Vehicle
@@ -73,32 +74,30 @@ class UavClient:
         self._hearing = Hearing(LINK, lambda: [self._presence.say(up=True)])
         self._activator = f"fog{fog}"
         self._signed_clock = CloudSide(fog).signed_drone_clock(drone) if seal is not None else None
-        owners, staged = SessionOwners(lambda session: session == self.desk.executor.lease.holder_session), BulkStore()
+        owners, staged = SessionOwners(lambda session: session == self.executor.lease.holder_session), BulkStore()
+        self.executor = Executor(self.vehicle, options.limits, staged.staged, kept_parameters)
         self.desk = CommandDesk(
             drone,
             session,
             self._channel,
             self.topics,
-            self.vehicle,
-            unfinished or [],
+            self.executor,
             owners,
-            remembers,
-            options.limits,
-            staged.staged,
-            kept_parameters,
+            unfinished=unfinished or [],
+            remembers=remembers,
             has_paths=paths is not None,
             is_audited=is_audited,
         )
-        self.parameters = self.desk.executor.parameters
-        staged.sources[PLAN] = self.desk.executor.plans.fetch
+        self.parameters = self.executor.parameters
+        staged.sources[PLAN] = self.executor.plans.fetch
         staged.sources[PARAMETERS] = self.parameters.fetch
         if options.keeps_logs:
-            staged.logs = self.desk.executor.logs
+            staged.logs = self.executor.logs
             staged.sources[LOGS] = staged.logs.listed
         self._bulk = BulkPort(drone, self._channel, self.topics, owners, staged)
         self.carrier = Carrier(drone, self._channel, self.topics) if options.carries_sensors else None
         self.connected = False
-        self._streams = self.desk.executor.streams
+        self._streams = self.executor.streams
         self._states = PublishedStates(
             drone, session, self._channel, self.topics, self._streams, self.vehicle, policies, options.all_states
         )
@@ -185,7 +184,7 @@ class UavClient:
             if topic.drone != self.drone:
                 raise PayloadError(f"topic {message.topic!r}: not drone {self.drone}'s", "topic")
             if topic.kind == "commands":
-                return self.desk.on_message(message, now_ms) if not self.desk.executor.is_leaving else []
+                return self.desk.on_message(message, now_ms) if not self.executor.is_leaving else []
             return self._on_other(topic, message, now_ms)
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
@@ -212,22 +211,22 @@ class UavClient:
         endurance = self._endurance.on_message(message, now_ms)
         if endurance is not None:
             self._states.throttle.update(endurance)
-        out += self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
+        out += self.desk.carry_out(self.executor.on_message(message, now_ms), now_ms)
         streamed = self._states.streamed(message, now_ms)
         return self._with_bundle(out + self._states.publish(streamed, now_ms), now_ms) if self.born else out
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
-        return self.desk.carry_out(self.desk.executor.on_transmitted(ref, now_ms), now_ms)
+        return self.desk.carry_out(self.executor.on_transmitted(ref, now_ms), now_ms)
 
     def on_refused(self, ref: Any, late: bool, now_ms: int) -> list[Effect]:
-        return self.desk.carry_out(self.desk.executor.on_refused(ref, late, now_ms), now_ms)
+        return self.desk.carry_out(self.executor.on_refused(ref, late, now_ms), now_ms)
 
     def on_log(self, done: LogDone, now_ms: int) -> list[Effect]:
         """The result of work on the folder of logs."""
         if isinstance(done, LogLoaded):
             return self._bulk.on_loaded(done) if self.born else []
         out: list[Effect] = [Log("logs", done.detail)] if isinstance(done, LogFault) else []
-        return out + self.desk.carry_out(self.desk.executor.logs.on_done(done, now_ms), now_ms)
+        return out + self.desk.carry_out(self.executor.logs.on_done(done, now_ms), now_ms)
 
     def on_identity(self, now_ms: int) -> list[Effect]:
         """Publish birth and beacon for the identity's new key, or the fleet's newer revocation list."""
@@ -243,7 +242,7 @@ class UavClient:
         out = self.desk.tick(now_ms)
         out += self._heartbeats.due(now_ms, self.is_controlled(now_ms))
         for question in (*self._enquiries.due(now_ms), *self._streams.reminders(now_ms)):
-            out += self.desk.carry_out(self.desk.executor.ask(question, now_ms), now_ms)
+            out += self.desk.carry_out(self.executor.ask(question, now_ms), now_ms)
         if not self.born:
             return out
         if now_ms >= self._next_beacon_ms:
@@ -264,7 +263,7 @@ class UavClient:
 
     def is_controlled(self, now_ms: int) -> bool:
         """Whether a ground station controls this drone: its lease from the activator has not ended."""
-        return self.desk.executor.lease.is_held(now_ms)
+        return self.executor.lease.is_held(now_ms)
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """Stop cleanly: end set-points with a hold, publish waiting words, then `down`."""
@@ -273,7 +272,7 @@ class UavClient:
         self.desk.may_publish = False
         if self.carrier is not None:
             self.carrier.on_fog_down()
-        out = [*said, *self.desk.carry_out(self.desk.executor.leave(now_ms), now_ms)]
+        out = [*said, *self.desk.carry_out(self.executor.leave(now_ms), now_ms)]
         return [*out, self._presence.say(up=False)] if self.connected else out
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
@@ -296,7 +295,7 @@ class UavClient:
         if topic.kind == "sensor_ack" and self.carrier is not None:
             return self.carrier.on_ack(message, now_ms)
         if topic.kind == "bulk":
-            holder = self.desk.executor.lease.holder_session if self.is_controlled(now_ms) else None
+            holder = self.executor.lease.holder_session if self.is_controlled(now_ms) else None
             return self._bulk.on_message(message, holder, now_ms)
         if topic.kind == "stations" and self._channel.seal is not None:
             return self._control.on_station(self._channel.seal, message)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..protocol.commands import Arm, Command, Hold, Mavlink, Stream, Takeoff
@@ -16,11 +16,10 @@ from ..station.views import Drone
 from .answers import ACCEPTED
 from .client_commands import ClientCommand
 from .clients import Client
-from .control import ClientControl
 from .order import Order
-from .telemetry import View
 from .texts import send_text
 from .translation import NOT_NOW, Declined
+from .work import Work, Worker
 
 KEPT_MS = 10_000
 """How long a takeoff waits for its client to arm the drone."""
@@ -48,16 +47,12 @@ class Arming:
     completed_ms: int | None = None
 
 
-class ArmingOrder:
-    """The arms of all drones and what belongs before or behind them; `view` and `now_ms` as in `Desk`."""
+class ArmingOrder(Worker):
+    """The arms of all drones and what belongs before or behind them."""
 
-    def __init__(
-        self, control: ClientControl, order: Order, view: Callable[[Drone], View], now_ms: Callable[[], int]
-    ) -> None:
-        self._control = control
+    def __init__(self, work: Work, order: Order) -> None:
+        super().__init__(work)
         self._order = order
-        self._view = view
-        self._now_ms = now_ms
         self._kept: dict[int, _KeptTakeoff] = {}
         self._armings: dict[int, Arming] = {}
         self._ground_holds: dict[int, ClientCommand] = {}

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 from ..core.ledger import OVERRIDING
@@ -28,13 +27,12 @@ from .client_commands import (
     is_quiet,
 )
 from .clients import Client
-from .control import ClientControl
 from .order import BY_THE_PLAN, Order
 from .requests import Requests
-from .telemetry import View
 from .texts import send_text
 from .translation import NOT_NOW, REQUEST_OPERATOR_CONTROL, Declined, Request, command_of, name_of
 from .uploads import Uploads
+from .work import Work, Worker
 
 UNANSWERED_MS = 10_000
 """How long to wait for a command's first word after the last moment at which the command may start."""
@@ -43,30 +41,15 @@ MOST_UNDER_WAY = 32
 _STOPPING = (*OVERRIDING, Disarm)
 
 
-class Desk:
-    """The commands of all clients, each followed by a task of `group`.
+class Desk(Worker):
+    """The commands of all clients, each followed by a task."""
 
-    `view` returns what is known of a drone now, `now_ms` the time of the gateway's clock.
-    """
-
-    def __init__(
-        self,
-        control: ClientControl,
-        uploads: Uploads,
-        view: Callable[[Drone], View],
-        now_ms: Callable[[], int],
-        group: asyncio.TaskGroup,
-        ttl_s: float,
-    ) -> None:
-        self._control = control
+    def __init__(self, work: Work, uploads: Uploads) -> None:
+        super().__init__(work)
         self._uploads = uploads
-        self._view = view
-        self._now_ms = now_ms
-        self._group = group
-        self._ttl_s = ttl_s
-        self._requests = Requests(control.knows)
+        self._requests = Requests(work.control.knows)
         self._order = Order()
-        self._arming = ArmingOrder(control, self._order, view, now_ms)
+        self._arming = ArmingOrder(work, self._order)
         self._under_way = Counter[int]()
 
     def on_request(
@@ -207,9 +190,9 @@ class Desk:
                 self._order.check(entry)
                 self._control.check(entry.client, drone)
                 is_first = not self._control.has(entry.client, drone)
-                await self._control.take(entry.client, drone, self._left_s(entry))
+                await self._control.take(entry.client, drone, self._time_left_s(entry))
                 self._order.check(entry)
-                sent = drone.send(command, ttl_s=self._left_s(entry))
+                sent = drone.send(command, ttl_s=self._time_left_s(entry))
                 self._order.on_sent(entry, command, is_first)
             return await self._last_word(entry, command, sent)
         return None
@@ -250,16 +233,13 @@ class Desk:
             async with self._order.turn(drone.number):
                 self._order.check(entry)
                 if action == 1:
-                    await self._control.take_over(entry.client, drone, self._left_s(entry))
+                    await self._control.take_over(entry.client, drone, self._time_left_s(entry))
                 if self._control.has(entry.client, drone):
                     self._order.close_behind(entry)
                 if action == 0:
                     self._control.give_up(entry.client, drone)
             entry.end(ACCEPTED, self._now_ms())
 
-    def _left_s(self, entry: ClientCommand) -> float:
-        """The seconds that are left to start a command, waiting for control included; raises Declined when none is."""
-        left_s = self._ttl_s - (self._now_ms() - entry.asked_ms) / 1000
-        if left_s <= 0:
-            raise Declined(f"{name_of(entry.request.mav_cmd)}: no control in time, not sent", NOT_NOW)
-        return left_s
+    def _time_left_s(self, entry: ClientCommand) -> float:
+        """The seconds that are left to start a client's command; raises Declined when none is."""
+        return self._left_s(entry.asked_ms, f"{name_of(entry.request.mav_cmd)}: ")

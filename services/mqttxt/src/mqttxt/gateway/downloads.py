@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -13,14 +11,13 @@ from ..protocol.plans import PlanList
 from ..protocol.states import Armed, Severity
 from ..station.views import Drone
 from .clients import Client
-from .control import ClientControl
 from .endpoints import Peer
 from .plan_copies import PlanCopies
 from .plan_items import Items, WrongItem, client_list, item_message
-from .telemetry import View
 from .texts import send_text
 from .translation import Declined
 from .uploads import Uploads
+from .work import Work, Worker
 
 READ_S = 120.0
 MOST_READINGS, MOST_WAITING = 64, 256
@@ -43,24 +40,13 @@ class _Asker:
     kind: PlanList
 
 
-class Downloads:
-    """The downloads of all clients; reading from a drone is a task of `group`."""
+class Downloads(Worker):
+    """The downloads of all clients; reading from a drone is a task."""
 
-    def __init__(
-        self,
-        control: ClientControl,
-        copies: PlanCopies,
-        uploads: Uploads,
-        view: Callable[[Drone], View],
-        now_ms: Callable[[], int],
-        group: asyncio.TaskGroup,
-    ) -> None:
-        self._control = control
+    def __init__(self, work: Work, copies: PlanCopies, uploads: Uploads) -> None:
+        super().__init__(work)
         self._copies = copies
         self._uploads = uploads
-        self._view = view
-        self._now_ms = now_ms
-        self._group = group
         self._readings: dict[tuple[Client, int, PlanList], _Reading] = {}
         self._client_lists: dict[tuple[int, PlanList], Items] = {}
         self._askers: dict[int, set[_Asker]] = {}

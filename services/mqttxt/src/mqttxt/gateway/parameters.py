@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,12 +13,11 @@ from ..protocol.states import Airframe, Armed, Severity
 from ..station.views import Drone
 from .answers import TEXT_MS
 from .clients import Client
-from .control import ClientControl
 from .parameter_copies import TAKEOFF_ALTITUDE, ParameterCopies, Shown
 from .settings import NOT_THERE, ClientSettings, error_message
-from .telemetry import View
 from .texts import send_text
 from .translation import Declined
+from .work import Work, Worker
 
 MESSAGES: Final = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
 READ_S = 120.0
@@ -53,24 +50,13 @@ class _List:
     place: int = 0
 
 
-class ClientParameters:
-    """The requests of all clients; reading from a drone is a task of `group`. Times are of the gateway's clock."""
+class ClientParameters(Worker):
+    """The requests of all clients; reading from a drone is a task. Times are of the gateway's clock."""
 
-    def __init__(
-        self,
-        control: ClientControl,
-        copies: ParameterCopies,
-        settings: ClientSettings,
-        view: Callable[[Drone], View],
-        now_ms: Callable[[], int],
-        group: asyncio.TaskGroup,
-    ) -> None:
-        self._control = control
+    def __init__(self, work: Work, copies: ParameterCopies, settings: ClientSettings) -> None:
+        super().__init__(work)
         self._copies = copies
         self._settings = settings
-        self._view = view
-        self._now_ms = now_ms
-        self._group = group
         self._waiting: dict[int, dict[_Question, None]] = {}
         self._lists: dict[tuple[Client, int], _List] = {}
         self._told_ms: dict[tuple[Client, int], int] = {}

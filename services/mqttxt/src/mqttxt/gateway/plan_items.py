@@ -8,20 +8,21 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..drone.mavlink.mission_protocol import FENCE_CIRCLES, FENCE_CORNERS, item_of, message_of
+from ..drone.mavlink.mission_protocol import (
+    FENCE_CIRCLES,
+    FENCE_CORNERS,
+    INT_FRAMES,
+    item_of,
+    jumping,
+    message_of,
+    plain_frame,
+)
 from ..protocol.plans import MOST_ITEMS, PlanItem, PlanList
 from ..protocol.states import Airframe, Home
 from .telemetry import UNKNOWN_AUTOPILOT, View
 
 Items = tuple[PlanItem, ...]
 _GLOBAL, _NO_PLACE = int(mavlink.MAV_FRAME_GLOBAL), int(mavlink.MAV_FRAME_MISSION)
-_INT_FRAMES: Final = {
-    _GLOBAL: int(mavlink.MAV_FRAME_GLOBAL_INT),
-    int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT): int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT),
-    int(mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT): int(mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT),
-}
-"""The frames of MISSION_ITEM_INT, by which MAVSDK recognises a height above home; the plan has the others."""
-_PLAIN_FRAMES: Final = {one: other for other, one in _INT_FRAMES.items()}
 _COMMANDS: Final[dict[PlanList, frozenset[int]]] = {
     PlanList.MISSION: frozenset(mavlink.enums["MAV_CMD"]),
     PlanList.FENCE: frozenset((*FENCE_CORNERS, *FENCE_CIRCLES, mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT)),
@@ -59,8 +60,8 @@ def check_count(count: int, kind: PlanList) -> None:
 
 def item_from(message: Any, kind: PlanList, number: int) -> PlanItem:
     """The plan's item in a MISSION_ITEM_INT or MISSION_ITEM, as item `number`; raises WrongItem."""
-    frame = _PLAIN_FRAMES.get(message.frame, message.frame)
-    is_placed = frame in _INT_FRAMES
+    frame = plain_frame(message.frame)
+    is_placed = frame in INT_FRAMES
     if not is_placed and (frame != _NO_PLACE or kind is not PlanList.MISSION):
         expected = "a global frame" if kind is not PlanList.MISSION else "a global frame or MAV_FRAME_MISSION"
         raise _wrong(mavlink.MAV_MISSION_UNSUPPORTED_FRAME, kind, number, "frame", expected, message.frame)
@@ -106,7 +107,7 @@ def plan_list(items: Items, kind: PlanList, before: int) -> Items:
             if target is None or target != int(target) or not before <= target <= last:
                 expected = f"an item from {before} to {last}"
                 raise _wrong(mavlink.MAV_MISSION_INVALID_PARAM1, kind, number, "DO_JUMP", expected, target)
-        out.append(_jumping(item, 1 - before))
+        out.append(jumping(item, 1 - before))
     return tuple(out)
 
 
@@ -142,7 +143,7 @@ def client_list(items: Items, kind: PlanList, view: View) -> Items:
     """A plan's list as the drone's clients see it; raises WrongItem as `home_items`."""
     before = home_items(kind, view)
     if not before or not items:
-        return tuple(_jumping(item, -1) for item in items)
+        return tuple(jumping(item, -1) for item in items)
     home = view.get(Home)
     x, y, z = 0, 0, 0.0
     if home is not None:
@@ -153,10 +154,10 @@ def client_list(items: Items, kind: PlanList, view: View) -> Items:
 
 def item_message(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanList, as_int: bool) -> Any:
     """MISSION_ITEM_INT, or MISSION_ITEM for old clients."""
-    message = message_of(replace(item, frame=_INT_FRAMES.get(item.frame, item.frame)), target, seq, kind)
+    message = message_of(replace(item, frame=INT_FRAMES.get(item.frame, item.frame)), target, seq, kind)
     if as_int:
         return message
-    scale = _DEGREES if item.frame in _INT_FRAMES else 1
+    scale = _DEGREES if item.frame in INT_FRAMES else 1
     system, component = target
     return mavlink.MAVLink_mission_item_message(
         target_system=system,
@@ -175,13 +176,6 @@ def item_message(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanLi
         z=message.z,
         mission_type=kind,
     )
-
-
-def _jumping(item: PlanItem, by: int) -> PlanItem:
-    """A DO_JUMP with its target moved by `by`; any other item unchanged."""
-    if item.command != mavlink.MAV_CMD_DO_JUMP or item.params[0] is None:
-        return item
-    return replace(item, params=(item.params[0] + by, *item.params[1:]))
 
 
 def _wrong(result: int, kind: PlanList, number: int, field: str, expected: str, got: object) -> WrongItem:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -47,6 +48,7 @@ from .telemetry import LOCAL, Turns, View
 from .texts import send_text
 from .translation import Request, is_of_protocol
 from .uploads import Uploads
+from .work import Work
 
 logger = logging.getLogger("mqttxt.gateway")
 
@@ -72,6 +74,15 @@ _AT_ONCE = {
     LandedState.name: "EXTENDED_SYS_STATE",
     Mission.name: "MISSION_CURRENT",
 }
+
+
+@dataclass(frozen=True)
+class _Serving:
+    """What serves clients while the gateway runs."""
+
+    desk: Desk
+    missions: Missions
+    parameters: ClientParameters
 
 
 class Gateway:
@@ -100,9 +111,7 @@ class Gateway:
         self._copies = PlanCopies()
         self._parameter_copies = ParameterCopies()
         self._reached: dict[int, int] = {}
-        self._desk: Desk | None = None
-        self._missions: Missions | None = None
-        self._parameters: ClientParameters | None = None
+        self._serving: _Serving | None = None
 
     async def run(self, fogs: list[Fog], to: list[ClientAddress], listen: list[ClientAddress]) -> None:
         """Serve until cancelled, or until the station has ended; raises ConfigurationError for a bad address."""
@@ -110,21 +119,20 @@ class Gateway:
         try:
             await self._endpoints.open(to, listen)
             async with asyncio.TaskGroup() as group:
-                uploads = Uploads(self._control, self._copies, self._view, self._now_ms, group, self._ttl_s)
-                downloads = Downloads(self._control, self._copies, uploads, self._view, self._now_ms, group)
-                self._missions = Missions(uploads, downloads)
-                settings = ClientSettings(
-                    self._control, self._parameter_copies, self._send, self._now_ms, group, self._ttl_s
+                work = Work(self._control, self._view, self._now_ms, group, self._ttl_s)
+                uploads = Uploads(work, self._copies)
+                self._serving = serving = _Serving(
+                    Desk(work, uploads),
+                    Missions(uploads, Downloads(work, self._copies, uploads)),
+                    ClientParameters(
+                        work, self._parameter_copies, ClientSettings(work, self._parameter_copies, self._send)
+                    ),
                 )
-                self._parameters = ClientParameters(
-                    self._control, self._parameter_copies, settings, self._view, self._now_ms, group
-                )
-                self._desk = Desk(self._control, uploads, self._view, self._now_ms, group, self._ttl_s)
-                ticking = group.create_task(self._tick())
+                ticking = group.create_task(self._tick(serving))
                 try:
                     await self._listen()
                 finally:
-                    self._desk = None  # from now on clients' messages are not handled
+                    self._serving = None  # from now on clients' messages are not handled
                 ticking.cancel()
                 uploads.close()
         except* MqttxtError as errors:
@@ -163,8 +171,8 @@ class Gateway:
         """Another station controls a drone at a fog; that counts only at the fog by which the drone is commanded."""
         self._forget(event.drone)
         drone = self._drones().get(event.drone)
-        if drone is not None and drone.fog == event.fog and self._desk is not None:
-            self._desk.on_taken(event.drone)
+        if drone is not None and drone.fog == event.fog and self._serving is not None:
+            self._serving.desk.on_taken(event.drone)
             self._control.on_taken(drone, holder)
 
     def _forget(self, drone: int) -> None:
@@ -194,20 +202,17 @@ class Gateway:
         if known is not None and reached > 0 and before is not None and before != reached:
             self._send(drone, [mavlink.MAVLink_mission_item_reached_message(self._view(known).seq(reached))])
 
-    async def _tick(self) -> None:
+    async def _tick(self, serving: _Serving) -> None:
         """Send due messages, and tick the commands, missions, parameters and control."""
-        assert self._desk is not None
-        assert self._missions is not None
-        assert self._parameters is not None
         next_review_ms = 0
         while True:
             now_ms, drones = self._now_ms(), self._drones()
             self._notice(now_ms)
             for drone in drones.values():
                 self._show(drone)
-            self._desk.tick(now_ms)
-            self._missions.tick(now_ms)
-            self._parameters.tick(now_ms)
+            serving.desk.tick(now_ms)
+            serving.missions.tick(now_ms)
+            serving.parameters.tick(now_ms)
             if now_ms >= next_review_ms:
                 next_review_ms = now_ms + REVIEW_MS
                 self._clients.forget(now_ms)
@@ -222,8 +227,8 @@ class Gateway:
         if pause_ms > STALL_MS:
             logger.warning("stood still for %.1f s: what clients sent meanwhile is not executed", pause_ms / 1000)
             self._stalled_ms = now_ms
-            if self._desk is not None:
-                self._desk.on_stall()
+            if self._serving is not None:
+                self._serving.desk.on_stall()
         is_draining = self._late > MOST_PER_TICK and now_ms < self._stalled_ms + LONGEST_DRAINING_MS
         if pause_ms > STALL_MS or is_draining:
             self._late_until_ms = now_ms + DRAINING_MS
@@ -278,16 +283,17 @@ class Gateway:
         component = getattr(message, "target_component", AUTOPILOT_COMPONENT)
         if drone is None or component not in (0, AUTOPILOT_COMPONENT):
             return
-        if self._desk is None or self._missions is None or self._parameters is None:
+        serving = self._serving
+        if serving is None:
             return
         if kind in _COMMANDS:
-            self._on_command(client, drone, message, is_late)
+            self._on_command(serving.desk, client, drone, message, is_late)
             return
         if kind in MESSAGES:
-            self._missions.on_message(client, drone, message)
+            serving.missions.on_message(client, drone, message)
             return
         if kind in PARAMETER_MESSAGES:
-            self._parameters.on_message(client, drone, message)
+            serving.parameters.on_message(client, drone, message)
             return
         messages, text = self._answers.on_message(message, client, self._view(drone))
         for answer in messages:
@@ -295,14 +301,13 @@ class Gateway:
         if text is not None:
             send_text(peer, drone.number, Severity.WARNING, text)
 
-    def _on_command(self, client: Client, drone: Drone, message: Any, is_late: bool) -> None:
-        assert self._desk is not None
+    def _on_command(self, desk: Desk, client: Client, drone: Drone, message: Any, is_late: bool) -> None:
         request = Request.of(message)
         answer = self._answers.on_command(request, self._view(drone))
         if answer is None:
             confirmation = getattr(message, "confirmation", 0)
             takeoff_m = self._parameter_copies.takeoff_m(drone.number)
-            self._desk.on_request(client, drone, request, confirmation, takeoff_m, is_late=is_late)
+            desk.on_request(client, drone, request, confirmation, takeoff_m, is_late=is_late)
             return
         result, wanted = answer
         acknowledge(client, drone.number, request, result)

@@ -20,10 +20,10 @@ from ..station.outcomes import Outcome
 from ..station.views import Drone
 from .client_commands import REPEAT_MS
 from .clients import Client
-from .control import ClientControl
 from .parameter_copies import HIGHEST_M, LOWEST_M, TAKEOFF_ALTITUDE, ParameterCopies
 from .texts import send_text
 from .translation import NOT_NOW, Declined
+from .work import Work, Worker
 
 MOST_OPEN = 64
 """The most settings under way at a time; further ones are dropped, and clients send them again."""
@@ -58,24 +58,13 @@ class Setting:
         return self.ended_ms is None or now_ms - self.ended_ms <= REPEAT_MS
 
 
-class ClientSettings:
-    """The settings of all clients, each followed by a task of `group`; parameters as in `Desk`."""
+class ClientSettings(Worker):
+    """The settings of all clients, each followed by a task; `send_to_all` sends to all that see a drone."""
 
-    def __init__(
-        self,
-        control: ClientControl,
-        copies: ParameterCopies,
-        send_to_all: Callable[[int, list[Any]], None],
-        now_ms: Callable[[], int],
-        group: asyncio.TaskGroup,
-        ttl_s: float,
-    ) -> None:
-        self._control = control
+    def __init__(self, work: Work, copies: ParameterCopies, send_to_all: Callable[[int, list[Any]], None]) -> None:
+        super().__init__(work)
         self._copies = copies
         self._send_to_all = send_to_all
-        self._now_ms = now_ms
-        self._group = group
-        self._ttl_s = ttl_s
         self._newest: dict[tuple[Client, int, str], Setting] = {}
         self._completed: dict[tuple[int, str], int] = {}
         self._sent = 0
@@ -144,18 +133,12 @@ class ClientSettings:
         await self._control.heard(setting.client)
         async with self._turns.setdefault(drone.number, asyncio.Lock()):
             self._control.check(setting.client, drone, setting.asked_ms)
-            await self._control.take(setting.client, drone, self._left_s(setting))
+            await self._control.take(setting.client, drone, self._left_s(setting.asked_ms))
             assert setting.wanted.value is not None
             self._sent += 1
             setting.place = self._sent
-            sent = drone.set_parameter(setting.wanted.name, setting.wanted.value, ttl_s=self._left_s(setting))
+            sent = drone.set_parameter(setting.wanted.name, setting.wanted.value, ttl_s=self._left_s(setting.asked_ms))
         return await sent
-
-    def _left_s(self, setting: Setting) -> float:
-        left_s = self._ttl_s - (self._now_ms() - setting.asked_ms) / 1000
-        if left_s <= 0:
-            raise Declined("no control in time, not sent", NOT_NOW)
-        return left_s
 
     def _hear(self, setting: Setting, last: Outcome, autopilot: Autopilot) -> None:
         if last.completed:

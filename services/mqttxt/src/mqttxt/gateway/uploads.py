@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -19,12 +19,11 @@ from ..station.outcomes import Outcome
 from ..station.plan import Plan
 from ..station.views import Drone
 from .clients import Client
-from .control import ClientControl
 from .plan_copies import PlanCopies
 from .plan_items import WrongItem, check_count, home_items, item_from, plan_list
-from .telemetry import View
 from .texts import send_text
 from .translation import DENIED, Declined
+from .work import Work, Worker
 
 ACK_MS = 1000
 """How long the last MISSION_ACK waits for the drone's word. QGroundControl gives up after 1.5 s, MAVSDK after 2.5 s."""
@@ -81,24 +80,12 @@ class Upload:
         send_text(self.client.peer, self.drone.number, severity, text)
 
 
-class Uploads:
-    """The uploads of all clients; each that is under way has a task of `group`. Times are of the gateway's clock."""
+class Uploads(Worker):
+    """The uploads of all clients; each that is under way has a task. Times are of the gateway's clock."""
 
-    def __init__(
-        self,
-        control: ClientControl,
-        copies: PlanCopies,
-        view: Callable[[Drone], View],
-        now_ms: Callable[[], int],
-        group: asyncio.TaskGroup,
-        ttl_s: float,
-    ) -> None:
-        self._control = control
+    def __init__(self, work: Work, copies: PlanCopies) -> None:
+        super().__init__(work)
         self._copies = copies
-        self._view = view
-        self._now_ms = now_ms
-        self._group = group
-        self._ttl_s = ttl_s
         self._open: list[Upload] = []
         self._failures: dict[tuple[int, PlanList], dict[_Who | None, str]] = {}
         self._turns: dict[int, asyncio.Lock] = {}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -185,8 +186,19 @@ class Desk:
         self._changed(order)
         self._group.create_task(following)
 
-    async def _follow(self, order: Order, sent: SentCommand[Any, Any]) -> None:
+    @contextlib.contextmanager
+    def _waiting(self, order: Order, otherwise: str, who: str = "") -> Iterator[None]:
+        """One part of an order up to its end; an error is said with the word `otherwise`."""
         try:
+            yield
+        except MqttxtError as error:
+            self._say(order, otherwise, f"{who}{printable(str(error))}")
+        finally:
+            order.waiting -= 1
+            self._changed(order)
+
+    async def _follow(self, order: Order, sent: SentCommand[Any, Any]) -> None:
+        with self._waiting(order, "not known"):
             async for said in sent:
                 if isinstance(said, PsmiList):
                     text, plain = choice_in_plain_english(said)
@@ -194,24 +206,14 @@ class Desk:
                 else:
                     self._of_id[said.fleet, said.id] = order
                     self._add(order, said)
-        except MqttxtError as error:
-            self._say(order, "not known", printable(str(error)))
-        finally:
-            order.waiting -= 1
-            self._changed(order)
 
     async def _take_over(self, order: Order, key: FogKey, drones: tuple[int, ...]) -> None:
         """Take a fog's drones at once: a takeover raises its epoch, and one with an older epoch takes none (R6.7)."""
         names = [in_fleet(key[0], drone) for drone in drones]
-        try:
+        with self._waiting(order, "failed", f"drone {', '.join(names)}: "):
             await self._fog(key).take_over(drones=drones)
             for name in names:
                 self._say(order, "completed", f"drone {name}: This station controls it.")
-        except MqttxtError as error:
-            self._say(order, "failed", f"drone {', '.join(names)}: {printable(str(error))}")
-        finally:
-            order.waiting -= 1
-            self._changed(order)
 
     async def _upload(self, order: Order, request: UploadRequest) -> None:
         key, plan = request.drone, request.plan
@@ -223,17 +225,12 @@ class Desk:
                 order.progress += "; it writes the plan into its autopilot, and reads it back"
             self._changed(order)
 
-        try:
+        with self._waiting(order, "failed"):
             outcome = await self._drone(key).upload(plan, ttl_s=request.ttl_s, progress=tell)
             if outcome.completed:
                 self._plans[key] = plan
             self._of_id[outcome.fleet, outcome.id] = order
             self._add(order, outcome)
-        except MqttxtError as error:
-            self._say(order, "failed", printable(str(error)))
-        finally:
-            order.waiting -= 1
-            self._changed(order)
 
     def _add(self, order: Order, outcome: Outcome) -> None:
         self._enter(order, outcome.word.label, headline(outcome), in_plain_english(outcome), code_of(outcome))

@@ -69,7 +69,7 @@ def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
     """The checked values of a message's fields, by name, without making the message. Raises PayloadError."""
     check_length(payload)
     if payload[:1] != _JSON:
-        return _values_of_array(cls, read_cbor(payload), "")
+        return values_of_array(cls, read_cbor(payload))
     try:
         plain = json.loads(payload.decode("utf-8"), parse_constant=_reject_constant, object_pairs_hook=_unique)
     except (ValueError, RecursionError) as error:
@@ -89,13 +89,8 @@ def plain_of(
     check_length(payload)
     plain: list[Plain] = read_cbor(payload)
     if not is_whole(_LAYOUTS[cls].whole, plain) and not is_plainly_right(plain):
-        _values_of_array(cls, plain, "")
+        values_of_array(cls, plain)
     return plain
-
-
-def values_of_plain(cls: type[Any], plain: list[Plain]) -> dict[str, Any]:
-    """The values of a message's fields, by name, from its CBOR array. Raises PayloadError."""
-    return _values_of_array(cls, plain, "")
 
 
 def is_whole(fields: tuple[Container[int], ...] | None, plain: Plain) -> bool:
@@ -202,7 +197,8 @@ def _written(layout: Layout, message: object, encoding: Encoding) -> list[Plain]
     return row
 
 
-def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
+def values_of_array(cls: type[Any], plain: Plain, path: str = "") -> dict[str, Any]:
+    """The values of a message's fields, by name, from its CBOR array, which is at `path`. Raises PayloadError."""
     if not isinstance(plain, list):
         refuse(path, "an array", plain)
     layout = _LAYOUTS[cls]
@@ -224,7 +220,7 @@ def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
         body = variant.by_code.get(plain[count]) if type(plain[count]) is int else None
         if body is None:
             refuse(f"{path}{name}", f"a known {variant.name}", plain[count])
-        values[name] = body(**_values_of_array(body, plain[count + 1 :], path))
+        values[name] = body(**values_of_array(body, plain[count + 1 :], path))
     elif len(plain) > count:
         refuse(path, f"at most {count} fields", len(plain))
     return values
@@ -270,7 +266,7 @@ def _nested(cls: type[Any]) -> Converters:
 
     def from_plain(plain: Plain, encoding: Encoding, path: str) -> Any:
         prefix = path if path.endswith(".") else f"{path}."
-        read = _values_of_object if encoding is Encoding.JSON else _values_of_array
+        read = _values_of_object if encoding is Encoding.JSON else values_of_array
         return cls(**read(cls, plain, prefix))
 
     return to_plain, from_plain

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 
 from ..errors import PayloadError
 from .cbor import encode_plain
-from .codec import decode_values, encode, plain_of, values_of_plain
+from .codec import decode_values, encode, plain_of, values_of_array
 from .fields import Stamp
 from .mavlink_states import fields_of, kind_of
 from .states import CODES, STATES, MavlinkState, State
@@ -48,7 +48,7 @@ class PlainState:
     @property
     def state(self) -> State:
         """The decoded state."""
-        values = values_of_plain(message_class(self.name, False), [self.stamp, *self.item[1:]])
+        values = values_of_array(message_class(self.name, False), [self.stamp, *self.item[1:]])
         del values["stamp"]
         return _state_of(self.name, values)
 

@@ -11,38 +11,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ...protocol.commands import (
-    Arm,
-    Command,
-    Disarm,
-    Goto,
-    Hold,
-    Land,
-    Offboard,
-    Pause,
-    Resume,
-    Return,
-    StartMission,
-    Takeoff,
-)
+from ...protocol.commands import Takeoff
 from ...protocol.plans import PlanItem
-from ...protocol.states import Armed, FlightMode, FlightModeName, Health, Landed
+from ...protocol.states import FlightModeName, Health, Landed
 from .autopilot import Autopilot
 from .plans import (
     CannotExecute,
     CommandPlan,
     Group,
-    arming,
-    check_pause,
     climbed,
     command_long,
     holds,
     home_altitude_m,
-    is_down,
     landed_state,
-    mission,
     never,
-    reposition,
 )
 
 if TYPE_CHECKING:
@@ -77,18 +59,6 @@ _MODES: Final[dict[int, FlightModeName]] = {
     28: FlightModeName.TURTLE,
 }
 _NUMBERS: Final = {name: number for number, name in _MODES.items()}
-_ARMABLE: Final = frozenset(
-    {
-        FlightModeName.STABILIZED,
-        FlightModeName.ALTITUDE,
-        FlightModeName.LOITER,
-        FlightModeName.POSHOLD,
-        FlightModeName.GUIDED,
-    }
-)
-"""Modes in which it arms and then stays on the ground. After a landing it is in LAND or RTL, and refuses to arm."""
-
-
 _KEPT: Final[dict[int, tuple[int, ...]]] = {
     mavlink.MAV_CMD_NAV_WAYPOINT: (0,),
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: (),
@@ -136,6 +106,19 @@ class ArduCopter(Autopilot):
     cruise_speed: ClassVar = {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0}
     hold_mode = FlightModeName.BRAKE
     offboard_mode = FlightModeName.GUIDED
+    ready_mode = FlightModeName.GUIDED
+    stays_armed_in: ClassVar = frozenset(
+        {
+            FlightModeName.STABILIZED,
+            FlightModeName.ALTITUDE,
+            FlightModeName.LOITER,
+            FlightModeName.POSHOLD,
+            FlightModeName.GUIDED,
+        }
+    )
+    """After a landing it is in LAND or RTL, and refuses to arm."""
+    goto_frame = mavlink.MAV_FRAME_GLOBAL
+    """DO_REPOSITION above home; SET_POSITION_TARGET_GLOBAL_INT does the same without acknowledgement."""
     is_offboard_alone = False
     priming = 0
     refuses_as_failed = True
@@ -170,52 +153,25 @@ class ArduCopter(Autopilot):
         """After a mission it stays in its mode and stands still."""
         return vehicle.is_still(after)
 
-    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> CommandPlan:
-        if isinstance(command, Arm):
-            mode, is_armed = vehicle.seen(FlightMode), vehicle.seen(Armed) == Armed(True)
-            stays = is_armed or (mode is not None and mode.mode in _ARMABLE)
-            return replace(arming(command, vehicle), first_mode=None if stays else FlightModeName.GUIDED)
-        if isinstance(command, Disarm):
-            return arming(command, vehicle)
-        if isinstance(command, Takeoff):
-            return _takeoff(command, vehicle, now_ms)
-        if isinstance(command, Goto):
-            return _goto(command, vehicle)
-        if isinstance(command, Land):
-            message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND)
-            return CommandPlan(
-                message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND})
-            )
-        if isinstance(command, Pause):
-            check_pause(vehicle)
-        if isinstance(command, StartMission | Resume):
-            message = command_long(vehicle, mavlink.MAV_CMD_MISSION_START)
-            return mission(vehicle, CommandPlan(message, mavlink.MAV_CMD_MISSION_START, Group.MOTION, never))
-        if isinstance(command, Hold | Pause):
-            return self._mode(vehicle, self.hold_mode, holds)
-        if isinstance(command, Offboard):
-            return self._mode(vehicle, self.offboard_mode, never)
-        assert isinstance(command, Return)
-        return self._mode(vehicle, FlightModeName.RETURN, is_down)
+    def _takeoff(self, command: Takeoff, vehicle: Vehicle, now_ms: int) -> CommandPlan:
+        """NAV_TAKEOFF with the height above home, in GUIDED. In LOITER it would be accepted and not flown.
 
+        In the air ArduCopter refuses it; entering GUIDED for it would only take the drone from its pilot.
+        """
+        if landed_state(vehicle, now_ms) not in (Landed.UNDEFINED, Landed.ON_GROUND):
+            raise CannotExecute("in_air")
+        return CommandPlan(
+            command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[0.0] * 6, command.altitude_m),
+            mavlink.MAV_CMD_NAV_TAKEOFF,
+            Group.MOTION,
+            climbed(command, home_altitude_m(vehicle)),
+            modes=frozenset({FlightModeName.GUIDED}),
+            first_mode=FlightModeName.GUIDED,
+        )
 
-def _takeoff(command: Takeoff, vehicle: Vehicle, now_ms: int) -> CommandPlan:
-    """NAV_TAKEOFF with the height above home, in GUIDED. In LOITER it would be accepted and not flown.
+    def _hold(self, vehicle: Vehicle, now_ms: int) -> CommandPlan:
+        return self._mode(vehicle, self.hold_mode, holds)
 
-    In the air ArduCopter refuses it; entering GUIDED for it would only take the drone from its pilot.
-    """
-    if landed_state(vehicle, now_ms) not in (Landed.UNDEFINED, Landed.ON_GROUND):
-        raise CannotExecute("in_air")
-    return CommandPlan(
-        command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[0.0] * 6, command.altitude_m),
-        mavlink.MAV_CMD_NAV_TAKEOFF,
-        Group.MOTION,
-        climbed(command, home_altitude_m(vehicle)),
-        modes=frozenset({FlightModeName.GUIDED}),
-        first_mode=FlightModeName.GUIDED,
-    )
-
-
-def _goto(command: Goto, vehicle: Vehicle) -> CommandPlan:
-    """DO_REPOSITION above home, into GUIDED; SET_POSITION_TARGET_GLOBAL_INT does the same without acknowledgement."""
-    return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL, 0.0, FlightModeName.GUIDED)
+    def _mission(self, vehicle: Vehicle) -> CommandPlan:
+        message = command_long(vehicle, mavlink.MAV_CMD_MISSION_START)
+        return CommandPlan(message, mavlink.MAV_CMD_MISSION_START, Group.MOTION, never)

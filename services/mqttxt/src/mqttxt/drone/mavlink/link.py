@@ -60,7 +60,7 @@ class AutopilotLink:
                 signing.equip(encoder)
         self._on_readable = on_readable
         self._on_malformed = on_malformed
-        self._judge = signing.judge if signing is not None else _unjudged
+        self._judge = signing.judge if signing is not None else None
         self._transport: Transport | None = None
         self._closed: asyncio.Event = asyncio.Event()
         self._repeats = Repeats()
@@ -143,7 +143,3 @@ class AutopilotLink:
             await self._closed.wait()
         finally:
             loop.remove_reader(transport.fileno())
-
-
-def _unjudged(message: Any, _now_s: float) -> Any:
-    return message

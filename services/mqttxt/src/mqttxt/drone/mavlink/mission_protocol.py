@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Final, TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -22,6 +22,13 @@ FENCE_CORNERS = (
 """Items of a fence whose first parameter is the number of corners of their polygon."""
 FENCE_CIRCLES = (mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
 """Items of a fence whose first parameter is a radius, in metres."""
+INT_FRAMES: Final[dict[int, int]] = {
+    mavlink.MAV_FRAME_GLOBAL: mavlink.MAV_FRAME_GLOBAL_INT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+}
+"""The frames of MISSION_ITEM_INT, by which MAVSDK recognises a height above home; the plan has the others."""
+_PLAIN_FRAMES: Final = {one: other for other, one in INT_FRAMES.items()}
 _BUSY = (mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_DENIED)
 Result = TypeVar("Result")
 
@@ -197,6 +204,18 @@ def message_of(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanList
         z=NAN if item.z is None else item.z,
         mission_type=kind,
     )
+
+
+def plain_frame(frame: int) -> int:
+    """The plan's frame for one of MISSION_ITEM_INT."""
+    return _PLAIN_FRAMES.get(frame, frame)
+
+
+def jumping(item: PlanItem, by: int) -> PlanItem:
+    """A DO_JUMP with its target moved by `by` items; any other item unchanged."""
+    if item.command != mavlink.MAV_CMD_DO_JUMP or item.params[0] is None:
+        return item
+    return replace(item, params=(item.params[0] + by, *item.params[1:]))
 
 
 def result_name(result: int) -> str:

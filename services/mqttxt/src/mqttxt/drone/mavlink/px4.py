@@ -11,20 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ...protocol.commands import (
-    Arm,
-    Command,
-    Disarm,
-    Goto,
-    Hold,
-    Land,
-    Offboard,
-    Pause,
-    Resume,
-    Return,
-    StartMission,
-    Takeoff,
-)
+from ...protocol.commands import Takeoff
 from ...protocol.parameters import ParameterSet
 from ...protocol.plans import PlanItem
 from ...protocol.states import Armed, FlightMode, FlightModeName, Health, Landed
@@ -35,18 +22,13 @@ from .plans import (
     CommandPlan,
     Group,
     above,
-    arming,
-    check_pause,
     climbed,
     command_long,
     holds,
     home_altitude_m,
     is_disarmed,
-    is_down,
     landed_state,
-    mission,
     never,
-    reposition,
 )
 
 if TYPE_CHECKING:
@@ -68,17 +50,6 @@ _MODES: Final[dict[tuple[int, int], FlightModeName]] = {
     (6, 0): FlightModeName.OFFBOARD,
     (7, 0): FlightModeName.STABILIZED,
 }
-_STAYS = frozenset(
-    {
-        FlightModeName.MANUAL,
-        FlightModeName.ALTITUDE,
-        FlightModeName.POSITION,
-        FlightModeName.ACRO,
-        FlightModeName.STABILIZED,
-        FlightModeName.HOLD,
-    }
-)
-"""Modes in which a drone that is armed on the ground stays there; in TAKEOFF or MISSION it flies off."""
 _NUMBERS = {name: numbers for numbers, name in _MODES.items()}
 
 
@@ -130,6 +101,20 @@ class Px4(Autopilot):
     cruise_speed: ClassVar = {"MPC_XY_CRUISE": 1.0}
     hold_mode = FlightModeName.HOLD
     offboard_mode = FlightModeName.OFFBOARD
+    ready_mode = FlightModeName.HOLD
+    stays_armed_in: ClassVar = frozenset(
+        {
+            FlightModeName.MANUAL,
+            FlightModeName.ALTITUDE,
+            FlightModeName.POSITION,
+            FlightModeName.ACRO,
+            FlightModeName.STABILIZED,
+            FlightModeName.HOLD,
+        }
+    )
+    """In TAKEOFF or MISSION it flies off."""
+    goto_frame = mavlink.MAV_FRAME_GLOBAL_INT
+    """Some builds between PX4 1.16 and 1.17 refuse MAV_FRAME_GLOBAL."""
     is_offboard_alone = True
     priming = 10
     refuses_as_failed = False
@@ -159,32 +144,25 @@ class Px4(Autopilot):
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, *map(float, mode_numbers(name)))
 
-    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> CommandPlan:
-        if isinstance(command, Arm):
-            stays = vehicle.seen(Armed) == Armed(True) or _mode_of(vehicle) in _STAYS
-            return replace(arming(command, vehicle), first_mode=None if stays else FlightModeName.HOLD)
-        if isinstance(command, Disarm):
-            return arming(command, vehicle)
-        if isinstance(command, Takeoff):
-            return _takeoff(command, vehicle)
-        if isinstance(command, Goto):
-            return _goto(command, vehicle)
-        if isinstance(command, Land):
-            message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
-            plan = CommandPlan(
-                message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND})
-            )
-            return _ending_in_hold(plan)
-        if isinstance(command, Pause):
-            check_pause(vehicle)
-        if isinstance(command, Hold | Pause):
-            return self._hold(vehicle, now_ms)
-        if isinstance(command, StartMission | Resume):
-            return mission(vehicle, self._mode(vehicle, FlightModeName.MISSION, never))
-        if isinstance(command, Offboard):
-            return self._mode(vehicle, self.offboard_mode, never)
-        assert isinstance(command, Return)
-        return _ending_in_hold(self._mode(vehicle, FlightModeName.RETURN, is_down))
+    def _takeoff(self, command: Takeoff, vehicle: Vehicle, now_ms: int) -> CommandPlan:
+        home_m = home_altitude_m(vehicle)
+        target_m = home_m + command.altitude_m
+        return CommandPlan(
+            command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, target_m),
+            mavlink.MAV_CMD_NAV_TAKEOFF,
+            Group.MOTION,
+            climbed(command, home_m),
+            modes=frozenset({FlightModeName.TAKEOFF}),
+            passing=frozenset({FlightModeName.HOLD}),
+            near=above(target_m - max(ALTITUDE_NEAR_M, 0.1 * command.altitude_m)),
+        )
+
+    def _mission(self, vehicle: Vehicle) -> CommandPlan:
+        return self._mode(vehicle, FlightModeName.MISSION, never)
+
+    def _landing(self, plan: CommandPlan) -> CommandPlan:
+        """PX4 enters hold when it disarms after a landing, maybe before the landed state shows it (COM_DISARM_LAND)."""
+        return replace(plan, passing=frozenset({FlightModeName.HOLD}), near=is_disarmed)
 
     def kept(self, item: PlanItem) -> PlanItem:
         """The parameters that PX4 uses of items with a position (mavlink_mission.cpp), headings from 0 to 360°."""
@@ -214,32 +192,3 @@ class Px4(Autopilot):
         change_mode = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
         message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, -1.0, change_mode, 0.0, NAN, NAN, NAN, NAN)
         return CommandPlan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
-
-
-def _takeoff(command: Takeoff, vehicle: Vehicle) -> CommandPlan:
-    home_m = home_altitude_m(vehicle)
-    target_m = home_m + command.altitude_m
-    return CommandPlan(
-        command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, target_m),
-        mavlink.MAV_CMD_NAV_TAKEOFF,
-        Group.MOTION,
-        climbed(command, home_m),
-        modes=frozenset({FlightModeName.TAKEOFF}),
-        passing=frozenset({FlightModeName.HOLD}),
-        near=above(target_m - max(ALTITUDE_NEAR_M, 0.1 * command.altitude_m)),
-    )
-
-
-def _ending_in_hold(plan: CommandPlan) -> CommandPlan:
-    """PX4 enters hold when it disarms after a landing, maybe before the landed state shows it (COM_DISARM_LAND)."""
-    return replace(plan, passing=frozenset({FlightModeName.HOLD}), near=is_disarmed)
-
-
-def _mode_of(vehicle: Vehicle) -> FlightModeName:
-    told = vehicle.seen(FlightMode)
-    return FlightModeName.UNKNOWN if told is None else told.mode
-
-
-def _goto(command: Goto, vehicle: Vehicle) -> CommandPlan:
-    """In MAV_FRAME_GLOBAL_INT: some builds between PX4 1.16 and 1.17 refuse MAV_FRAME_GLOBAL."""
-    return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL_INT, NAN, FlightModeName.HOLD)

@@ -8,7 +8,7 @@ import errno
 import logging
 import os
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,9 +56,9 @@ class AutopilotAddress:
         return f"{self.kind}:{self.host}:{self.port}"
 
 
-def _judged(found: Iterable[Any], judge: Judge, now_s: float) -> Iterator[Any]:
-    """The received messages, with Malformed in place of those that are not trusted."""
-    return (each if isinstance(each, Malformed) else judge(each, now_s) for each in found)
+def _judged(found: Iterable[Any], judge: Judge | None, now_s: float) -> Iterable[Any]:
+    """The received messages, with Malformed in place of those that are not trusted; without a judge all are."""
+    return found if judge is None else (each if isinstance(each, Malformed) else judge(each, now_s) for each in found)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ _NOTHING = Read(was_there=False)
 class Transport:
     """Non-blocking. `read` takes the time in seconds, and returns None once the other side has closed."""
 
-    def __init__(self, judge: Judge) -> None:
+    def __init__(self, judge: Judge | None) -> None:
         self._judge = judge
 
     def fileno(self) -> int:
@@ -100,7 +100,7 @@ class Udp(Transport):
     old time stamp. From them an autopilot that started without a clock learns the time (R13.6).
     """
 
-    def __init__(self, address: AutopilotAddress, system_id: int, judge: Judge) -> None:
+    def __init__(self, address: AutopilotAddress, system_id: int, judge: Judge | None) -> None:
         super().__init__(judge)
         self._system_id = system_id
         self._peer: Any = None
@@ -160,7 +160,7 @@ class Udp(Transport):
 class Tcp(Transport):
     """A TCP connection to the autopilot or its simulator."""
 
-    def __init__(self, sock: socket.socket, judge: Judge) -> None:
+    def __init__(self, sock: socket.socket, judge: Judge | None) -> None:
         super().__init__(judge)
         self._socket = sock
         self._frames = StreamFrames()
@@ -190,7 +190,7 @@ class Tcp(Transport):
 class Serial(Transport):
     """A serial line."""
 
-    def __init__(self, address: AutopilotAddress, judge: Judge) -> None:
+    def __init__(self, address: AutopilotAddress, judge: Judge | None) -> None:
         import termios  # not on Windows, where addresses are parsed too
 
         super().__init__(judge)
@@ -225,7 +225,7 @@ class Serial(Transport):
         self._port.close()
 
 
-async def open_transport(address: AutopilotAddress, system_id: int, judge: Judge) -> Transport:
+async def open_transport(address: AutopilotAddress, system_id: int, judge: Judge | None) -> Transport:
     if address.kind == "udp":
         return Udp(address, system_id, judge)
     if address.kind == "serial":
