@@ -37,8 +37,7 @@ async def serves_a_drone(kit: AirKit) -> str:
     expect(own, "no lease came over the air leg")
     said = []
     for command in (Arm(), Disarm()):
-        message = kit.command(command)
-        kit.publish(message)
+        message = kit.send(command)
         await kit.comes_down(message)
         words = await kit.outcome(message)
         expect(words.names[-1:] == ["completed"], f"{command.name}: drone 1 said `completed`; came {words}")
@@ -90,8 +89,8 @@ async def takes_a_repetition_once(kit: AirKit) -> str:
 @rule(ROLE, "R20.1", "R20.2", "R20.6")
 async def serves_by_names(kit: AirKit) -> str:
     """A client that registers and subscribes by names is served, and hears each message by itself."""
-    client, topic, state = await kit.client(), kit.fog_side.commands(2), kit.fog_side.state(2, Heading.name)
-    try:
+    topic, state = kit.fog_side.commands(2), kit.fog_side.state(2, Heading.name)
+    async with kit.client() as client:
         expect(await client.connect() == 0, "CONNACK with another return code than 0")
         regack = await client.ask(wire.REGISTER, wire.REGACK, 0, client.next_id, rest=state.encode())
         expect(regack.code == 0 and regack.topic, f"REGACK with return code {regack.code}, topic id {regack.topic}")
@@ -109,16 +108,13 @@ async def serves_by_names(kit: AirKit) -> str:
         expect(found, "two messages for what was subscribed to by name: not told one by one")
         client.send(wire.DISCONNECT)
         await client.until(lambda: client.packets(wire.DISCONNECT), PATIENCE_S)
-    finally:
-        await client.close()
     return f"REGISTER: id {regack.topic}; SUBSCRIBE: id {suback.topic}, two messages one by one"
 
 
 @rule(ROLE, "R20.2", "R20.8")
 async def serves_a_drone_alone(kit: AirKit) -> str:
     """What a UAV client neither says nor hears has return code 2; who names another drone is disconnected."""
-    client = await kit.client()
-    try:
+    async with kit.client() as client:
         await client.connect()
         for topic in (f"{kit.fog_side.root}+/commands", kit.fog_side.state(2, Heading.name)):
             code = (await client.subscribe(topic)).code
@@ -129,17 +125,14 @@ async def serves_a_drone_alone(kit: AirKit) -> str:
         client.send(wire.REGISTER, 0, client.next_id, rest=other)
         left = await client.until(lambda: client.packets(wire.DISCONNECT, mark), PATIENCE_S)
         expect(left, f"it named {other.decode()}, and is still there")
-    finally:
-        await client.close()
     return f"return code {INVALID}; DISCONNECT for another drone's topic"
 
 
 @rule(ROLE, "R20.2", "R11.13")
 async def lets_nobody_speak_to_all(kit: AirKit) -> str:
     """Nobody hears what is no list of the fleet on `fleet/revoked`, which every node hears; no will is taken for it."""
-    client, other, sent = await kit.client(), await kit.client(), 3
-    topic = client.topics.revoked
-    try:
+    sent, topic = 3, kit.fog_side.revoked
+    async with kit.client() as client, kit.client() as other:
         for one in (client, other):
             await one.connect()
         await other.subscribe(other.id_of(topic))
@@ -148,16 +141,10 @@ async def lets_nobody_speak_to_all(kit: AirKit) -> str:
         came = other.packets(wire.PUBLISH)
         expect(not came, f"another client hears {topic} from who has no list of the fleet")
         expect(codes == {0}, f"PUBLISH on {topic}: return codes {sorted(codes)}, expected 0")
-    finally:
-        await client.close()
-        await other.close()
-    client = await kit.client()
-    try:
+    async with kit.client() as client:
         await client.ask(wire.CONNECT, wire.WILLTOPICREQ, CLEAN | WILL, 1, KEEPALIVE_S, rest=client.name.encode())
         found = await client.ask(wire.WILLTOPIC, wire.CONNACK, QOS_1 | RETAIN, rest=topic.encode())
         expect(found.code != 0, f"a will on {topic}: CONNACK with return code 0")
-    finally:
-        await client.close()
     return f"{sent} payloads that are no list: return code 0, and nobody hears them; a will: refused"
 
 
@@ -170,8 +157,7 @@ async def publishes_the_will(kit: AirKit) -> str:
         ("a duration", b"\0\1", 15, 1),
         ("none", b"", 15, 0),
     ):
-        client = await kit.client()
-        try:
+        async with kit.client() as client:
             code = await client.connect(Presence(session=1, up=False), keepalive_s)
             expect(code == 0, f"CONNACK with return code {code}")
             heard, client.answers = len(kit.fog.heard), lambda packet: False
@@ -186,32 +172,27 @@ async def publishes_the_will(kit: AirKit) -> str:
                 after_ms = wills[0].at_ms - began_ms
                 expect(after_ms >= 1500 * keepalive_s - GRACE_MS, f"will after {after_ms} ms of silence")
                 said.append(f"after {after_ms / 1000:.1f} s of silence with a keep-alive of {keepalive_s} s")
-        finally:
-            await client.close()
     return f"{said[0]}; with a duration; without one none"
 
 
 @rule(ROLE, "R20.9", "R20.11")
 async def tells_strangers_to_come_anew(kit: AirKit) -> str:
     """A packet of somebody that it does not know is answered with DISCONNECT, a DISCONNECT with nothing."""
-    client = await kit.client()
-    try:
+    async with kit.client() as client:
         await client.ask(wire.PINGREQ, wire.DISCONNECT)
         mark = len(client.came)
         client.send(wire.DISCONNECT)
         await asyncio.sleep(QUIET_S)
         expect(len(client.came) == mark, "a stranger's DISCONNECT was answered")
-    finally:
-        await client.close()
     return "DISCONNECT, and nothing to a DISCONNECT"
 
 
 @rule(ROLE, "R20.13")
 async def is_no_amplifier(kit: AirKit) -> str:
     """To an address that answers nothing go no more than three times the bytes that came from there."""
-    client, topic = await kit.client(), kit.fog_side.commands(2)
-    client.answers = lambda packet: False
-    try:
+    topic = kit.fog_side.commands(2)
+    async with kit.client() as client:
+        client.answers = lambda packet: False
         await client.connect()
         await client.subscribe(client.id_of(topic))
         for _ in range(10):
@@ -219,8 +200,6 @@ async def is_no_amplifier(kit: AirKit) -> str:
         await asyncio.sleep(ASKED_S)
         times = client.came_bytes / client.sent_bytes
         expect(times <= REFLECTED, f"{client.came_bytes} bytes for {client.sent_bytes}, and no PUBACK")
-    finally:
-        await client.close()
     return f"{client.came_bytes} bytes for {client.sent_bytes}"
 
 
@@ -253,9 +232,9 @@ async def its_packets_are_as_specified(kit: AirKit) -> str:
 @rule(ROLE, "R20.10")
 async def keeps_who_is_there(kit: AirKit) -> str:
     """Who greets with the id of a client that is there gets no connection: that one is asked, and stays."""
-    thief, mark = await kit.client(1), len(kit.air.came)
-    thief.name = kit.air.name
-    try:
+    mark = len(kit.air.came)
+    async with kit.client(1) as thief:
+        thief.name = kit.air.name
         for _ in range(3):
             thief.send(wire.CONNECT, CLEAN, 1, KEEPALIVE_S, rest=thief.name.encode())
             await asyncio.sleep(ASKED_S / 2)
@@ -264,12 +243,8 @@ async def keeps_who_is_there(kit: AirKit) -> str:
         served = [one for one in thief.packets(wire.CONNACK) if one.code == 0]
         expect(not served, "a second client with the same id was connected")
         expect(not kit.air.packets(wire.DISCONNECT, mark), "the client that is there was disconnected")
-        message = kit.command(Arm())
-        kit.publish(message)
-        words = await kit.outcome(message)
+        words = await kit.outcome(kit.send(Arm()))
         expect(words.last is not None, f"afterwards the client that is there said `completed`; came {words}")
-    finally:
-        await thief.close()
     return f"asked {len(asked)} times; then {words}"
 
 

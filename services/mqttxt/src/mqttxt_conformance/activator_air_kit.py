@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
+from collections.abc import AsyncIterator
 
 from mqttxt.core.clock import SessionClock
 from mqttxt.protocol.codec import encode
@@ -43,12 +45,12 @@ class Client(AirLine):
         """Open a UDP port of its own; raises ConfigurationError."""
         await self.open("--air-sn", remote=gateway)
 
-    async def ask(self, kind: int, answer: int, *numbers: int, rest: bytes = b"", limit_s: float = 1.0) -> Packet:
-        """Repeat a packet every `limit_s` until its answer arrives; raises Broken without one."""
+    async def ask(self, kind: int, answer: int, *numbers: int, rest: bytes = b"") -> Packet:
+        """Repeat a packet every second until its answer arrives; raises Broken without one."""
         mark = len(self.came)
-        for _ in range(round(PATIENCE_S / limit_s)):
+        for _ in range(round(PATIENCE_S)):
             self.send(kind, *numbers, rest=rest)
-            if found := await self.until(lambda: self.packets(answer, mark), limit_s):
+            if found := await self.until(lambda: self.packets(answer, mark), 1.0):
                 first: Packet = found[0]
                 return first
         raise Broken(f"no answer to packet kind 0x{kind:02x} within {PATIENCE_S:g} s")
@@ -90,8 +92,16 @@ class AirKit(ActivatorKit):
 
     gateway: Address = ()
 
-    async def client(self, drone: int = 2) -> Client:
-        """Another client, on a UDP port of its own."""
+    @contextlib.asynccontextmanager
+    async def client(self, drone: int = 2) -> AsyncIterator[Client]:
+        """Another client, on a UDP port of its own, which is closed at the end."""
+        made = await self._opened(drone)
+        try:
+            yield made
+        finally:
+            await made.close()
+
+    async def _opened(self, drone: int) -> Client:
         made = Client(self.fog_side.root, drone, self.clock)
         await made.reach(self.gateway)
         return made
@@ -103,7 +113,7 @@ class AirKit(ActivatorKit):
 
     async def add_drones(self) -> None:
         """Connect drone 1 by datagrams and register the station; raises Broken."""
-        self.air = await self.client(1)
+        self.air = await self._opened(1)
         one = FakeDrone(1, self.fog_side, self.air)
         self.drones = {1: one}
         code = await self.air.connect(Presence(session=one.session, up=False))

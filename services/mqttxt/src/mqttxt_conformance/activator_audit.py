@@ -12,8 +12,7 @@ from .registry import rule
 @rule("activator", "R14.1", "R14.2", "R14.3")
 async def keeps_an_audit_log(kit: ActivatorKit) -> str:
     """Its audit log has each command once, its station and its last word, and each line the hash of the one before."""
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     await kit.outcome(message)
     kit.publish(message)
     return await judged(kit.audit, kit.session, message, 1, f"gs-{kit.station.name}", signed=False)

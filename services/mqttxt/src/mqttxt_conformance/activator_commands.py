@@ -23,8 +23,7 @@ _RATE = 0.002
 @rule("activator", "R4.5", "R4.6", "R5.2")
 async def passes_a_command_down(kit: ActivatorKit) -> str:
     """A command goes down as it is, but for the drone's session and deadline; its words come up in their order."""
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     came = await kit.comes_down(message)
     words = await kit.outcome(message)
     expect(not came.heard.retain, f"{came.heard.topic}: published with RETAIN")
@@ -85,9 +84,7 @@ async def closes_what_is_late(kit: ActivatorKit) -> str:
 @rule("activator", "R5.9")
 async def closes_what_is_unreachable(kit: ActivatorKit) -> str:
     """A command for a drone that is not there is `unreachable`, in the activator's session."""
-    message = kit.command(Arm())
-    kit.publish(message, 250)
-    words = await kit.outcome(message, 250)
+    words = await kit.outcome(kit.send(Arm(), to=250), 250)
     is_own = (words.last or {}).get("session") == kit.session
     expect(words.names == ["unreachable"] and is_own, f"drone 250 was never there: came {words}")
     return f"drone 250 was never there: came {words}"
@@ -123,8 +120,7 @@ async def refuses_what_is_retained(kit: ActivatorKit) -> str:
 @rule("activator", "R5.3")
 async def answers_a_duplicate(kit: ActivatorKit) -> str:
     """The same bytes again are answered with the newest word, and do not go down again."""
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     await kit.outcome(message)
     mark = len(kit.cloud.heard)
     kit.publish(message)
@@ -139,8 +135,7 @@ async def answers_a_duplicate(kit: ActivatorKit) -> str:
 @rule("activator", "R5.3")
 async def denies_an_id_conflict(kit: ActivatorKit) -> str:
     """The same id with other contents is `denied(id_conflict)`."""
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     await kit.outcome(message)
     mark = len(kit.cloud.heard)
     kit.publish(kit.command(Disarm(), seq=message.seq))
@@ -197,8 +192,7 @@ async def asks_about_an_earlier_session(kit: ActivatorKit) -> str:
 async def says_one_last_word(kit: ActivatorKit) -> str:
     """Of two last words of a drone only the first is passed on."""
     kit.one.words = (Word.COMPLETED, Word.FAILED, Word.COMPLETED)
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     await kit.outcome(message)
     await asyncio.sleep(QUIET_S)
     kit.one.words = (Word.ACCEPTED, Word.COMPLETED)
@@ -233,8 +227,7 @@ async def gives_up_and_tells_the_truth(kit: ActivatorKit) -> str:
 async def broadcasts_to_its_roster(kit: ActivatorKit) -> str:
     """A broadcast's roster comes before any word, and each of its entries gets one last word."""
     mark = len(kit.cloud.heard)
-    message = kit.command(Arm())
-    kit.publish(message, None)
+    message = kit.send(Arm(), to=None)
     await kit.cloud.until(lambda: kit.fog_results(message, mark), PATIENCE_S)
     results = kit.fog_results(message, mark)
     expect(results and "roster" in results[0][1], f"no roster on fogX/commands_result/arm: {results}")
@@ -288,8 +281,7 @@ async def loses_no_word_that_waits(kit: ActivatorKit) -> str:
 @rule("activator", "R5.12")
 async def does_not_broadcast_goto(kit: ActivatorKit) -> str:
     """A goto on fogX/commands is denied, and goes to nobody."""
-    message = kit.command(Goto(1.0, 2.0, 10.0))
-    kit.publish(message, None)
+    message = kit.send(Goto(1.0, 2.0, 10.0), to=None)
     await kit.cloud.until(lambda: kit.fog_results(message), PATIENCE_S)
     await asyncio.sleep(QUIET_S)
     kit.expect_kept(message, "a goto for everybody")
@@ -302,8 +294,7 @@ async def does_not_broadcast_goto(kit: ActivatorKit) -> str:
 async def takes_words_of_the_bound_session_only(kit: ActivatorKit) -> str:
     """A word of another session of the drone's number is not passed on."""
     kit.one.words = ()
-    message = kit.command(Hold())
-    kit.publish(message)
+    message = kit.send(Hold())
     await kit.comes_down(message)
     own, kit.one.session = kit.one.session, secrets.randbelow(2**32 - 1) + 1
     kit.one.say(message.gs_session, message.seq, "hold", Word.COMPLETED)

@@ -197,6 +197,12 @@ class ActivatorKit:
         topic = self.topics.broadcast if drone is None else self.topics.drone_commands(drone)
         self.cloud.publish(topic, encode(message), **options)
 
+    def send(self, command: Command | None = None, *, to: int | None = 1, **changed: Any) -> CommandMessage:
+        """Publish a command as `command` makes it, to a drone or, with None, to all."""
+        message = self.command(command, **changed)
+        self.publish(message, to)
+        return message
+
     def words(self, message: CommandMessage, drone: int = 1, mark: int = 0) -> Words:
         """The words so far about a command and a drone, alone or together; raises Broken if a result is malformed."""
         below, of_fog = f"{self.topics.root}drone{drone}/commands_result/", f"{self.topics.root}commands_result/"

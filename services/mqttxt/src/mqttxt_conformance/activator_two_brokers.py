@@ -47,8 +47,7 @@ def _copies(kit: ActivatorKit, marks: list[int], command: Command) -> list[list[
 async def _sent(kit: ActivatorKit, command: Command) -> tuple[list[int], str]:
     """Send drone 1 a command and wait for it; returns each broker's mark before, and the command's name."""
     marks = [len(tap.heard) for tap in kit.fogs]
-    message = kit.command(command)
-    kit.publish(message)
+    message = kit.send(command)
     await kit.comes_down(message)
     return marks, command.name
 

@@ -196,10 +196,10 @@ class BrokerKit:
         """A random client id, unique to one connection."""
         return f"conformance-{secrets.token_hex(4)}"
 
-    async def retain(self, topic: str, payload: bytes, by: Peer | None = None) -> None:
+    async def retain(self, topic: str, payload: bytes) -> None:
         """Publish with RETAIN; `end` clears the message."""
         self._retained.add(topic)
-        await self.publish(topic, payload, by, retain=True)
+        await self.publish(topic, payload, retain=True)
 
     async def publish(self, topic: str, payload: bytes, by: Peer | None = None, **options: Any) -> int:
         """Publish at QoS 1 and return the PUBACK's reason code; raises Broken if it is an error or does not arrive."""
@@ -214,11 +214,11 @@ class BrokerKit:
         expect(await peer.come(topic, marker), f"a message on {topic} did not come within {COMES_S:g} s")
 
     @contextlib.asynccontextmanager
-    async def mortal(self, topic: str, node: int = 0, **options: Any) -> AsyncIterator[tuple[Peer, bytes]]:
+    async def mortal(self, topic: str, **options: Any) -> AsyncIterator[tuple[Peer, bytes]]:
         """A client with a will on a topic, and the will's payload."""
         will = secrets.token_bytes(8)
         self._retained.add(topic)
-        async with self.peer(node, will=(topic, will), **options) as peer:
+        async with self.peer(will=(topic, will), **options) as peer:
             yield peer, will
 
     def need_nodes(self) -> None:
@@ -242,10 +242,10 @@ def will_properties(**values: Any) -> Properties:
     return properties_of(PacketTypes.WILLMESSAGE, **values)
 
 
-async def first_of(found: Callable[[], Awaitable[bool]], limit_s: float = COMES_S) -> bool:
-    """Whether `found` becomes true within `limit_s`; it is polled, because each call makes a new subscription."""
+async def first_of(found: Callable[[], Awaitable[bool]]) -> bool:
+    """Whether `found` becomes true within `COMES_S`; it is polled, because each call makes a new subscription."""
     loop = asyncio.get_running_loop()
-    until = loop.time() + limit_s
+    until = loop.time() + COMES_S
     while not await found():
         if loop.time() >= until:
             return False

@@ -14,8 +14,7 @@ from .uav_kit import UavKit
 async def keeps_an_audit_log(kit: UavKit) -> str:
     """Its audit log has each command once and its last word, and each line the hash of the one before."""
     await kit.calm()
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     await kit.outcome(message)
     kit.publish(message)
     signed = kit.secured is not None

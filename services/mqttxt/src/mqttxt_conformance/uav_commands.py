@@ -19,8 +19,7 @@ async def executes_a_command(kit: UavKit) -> str:
     """A command in time is written once, to system Y, component 1; the first word is accepted, the last completed."""
     await kit.calm()
     mark = len(kit.autopilot.written)
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     words = await kit.outcome(message)
     written = kit.autopilot.flights(mark)
     expect(len(written) == 1, f"{len(written)} writes; words: {words}")
@@ -52,9 +51,7 @@ async def completes_by_the_effect(kit: UavKit) -> str:
     """`completed` comes with the effect, not with the acknowledgement."""
     await kit.calm()
     kit.autopilot.manners[ARM] = Manner(effect=False)
-    message = kit.command(Arm())
-    kit.publish(message)
-    await kit.word(message, "accepted")
+    message = await kit.accepted(Arm())
     await asyncio.sleep(QUIET_S)
     words = kit.words(message.gs_session)
     expect(words.names == ["accepted"], f"before the effect came {words}")
@@ -71,8 +68,7 @@ async def does_not_repeat_late(kit: UavKit) -> str:
     await kit.calm()
     kit.autopilot.manners[ARM] = Manner(result=None)
     mark = len(kit.autopilot.written)
-    message = kit.command(Arm(), ttl_ms=700)
-    kit.publish(message)
+    message = kit.send(Arm(), ttl_ms=700)
     words = await kit.outcome(message, 8)
     written = kit.autopilot.flights(mark)
     assert message.deadline_ms is not None
@@ -90,8 +86,7 @@ async def repeats_in_measure(kit: UavKit) -> str:
     await kit.calm()
     kit.autopilot.manners[ARM] = Manner(result=None)
     mark = len(kit.autopilot.written)
-    message = kit.command(Arm(), ttl_ms=20_000)
-    kit.publish(message)
+    message = kit.send(Arm(), ttl_ms=20_000)
     words = await kit.outcome(message, 10)
     closed_ms = words.at_ms[-1] if words.at_ms else kit.clock.now_ms()
     written = kit.autopilot.flights(mark, ARM)
@@ -100,8 +95,7 @@ async def repeats_in_measure(kit: UavKit) -> str:
     expect(all(ms > 500 * n - 150 for n, ms in enumerate(after)), f"written after {after} ms, expected every 500")
     expect(words.names == ["unconfirmed"], f"never acknowledged: came {words}")
     kit.autopilot.manners.clear()
-    second = kit.command(Arm(), gs_session=message.gs_session, seq=2, ttl_ms=10_000)
-    kit.publish(second)
+    second = kit.send(Arm(), gs_session=message.gs_session, seq=2, ttl_ms=10_000)
     again = await kit.written(len(kit.autopilot.written), ARM, 6)
     expect(again, f"a second arm, after the first one's time-out: not written; came {await kit.outcome(second)}")
     rested = again[0].at_ms - closed_ms
@@ -134,14 +128,12 @@ async def passes_on_the_result(kit: UavKit) -> str:
     said = []
     for result, expected in ((1, "denied"), (2, "denied"), (3, "unsupported"), (4, "failed")):
         kit.autopilot.manners[ARM] = Manner(result=result)
-        message = kit.command(Arm())
-        kit.publish(message)
+        message = kit.send(Arm())
         words = await kit.outcome(message)
         expect(words.names == [expected], f"MAV_RESULT {result}: expected {expected}, came {words}")
         said.append(f"{result}: {words}")
     kit.autopilot.manners[ARM] = Manner(progress=40)
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     words = await kit.outcome(message)
     percent = words.words[0].get("percent") if words.words else None
     expect(words.names[:1] == ["in_progress"] and percent == 40, f"IN_PROGRESS 40: came {words}, percent {percent}")
@@ -167,9 +159,7 @@ async def ends_at_the_limit(kit: UavKit) -> str:
     """A command that has not had its effect within its limit is `failed(timeout)`."""
     await kit.calm()
     kit.autopilot.manners[ARM] = Manner(effect=False)
-    message = kit.command(Arm(), limit_s=1.0)
-    kit.publish(message)
-    words = await kit.outcome(message)
+    words = await kit.outcome(kit.send(Arm(), limit_s=1.0))
     expect(words.names == ["accepted", "failed"] and words.reason == "timeout", f"limit 1 s: came {words}")
     took = words.at_ms[-1] - words.at_ms[0]
     expect(took > 600, f"limit 1 s: failed after {took} ms")
@@ -181,10 +171,8 @@ async def lets_a_pilot_win(kit: UavKit) -> str:
     """A mode that nobody here commanded ends a running command as `failed(mode_changed)`."""
     await kit.calm()
     kit.autopilot.armed, kit.autopilot.landed = True, 2
-    message = kit.command(Land())
     mark = len(kit.autopilot.written)
-    kit.publish(message)
-    await kit.word(message, "accepted")
+    message = await kit.accepted(Land())
     kit.autopilot.mode = LAND_MODE
     kit.autopilot.tell()
     await asyncio.sleep(QUIET_S)
@@ -206,11 +194,8 @@ async def lets_the_newer_command_win(kit: UavKit) -> str:
     """A newer command of the same kind takes the place of a running one: `superseded(by)`."""
     await kit.calm()
     kit.autopilot.armed, kit.autopilot.landed = True, 2
-    older = kit.command(Land())
-    kit.publish(older)
-    await kit.word(older, "accepted")
-    newer = kit.command(Hold(), gs_session=older.gs_session, seq=2)
-    kit.publish(newer)
+    older = await kit.accepted(Land())
+    newer = kit.send(Hold(), gs_session=older.gs_session, seq=2)
     said, then = await kit.outcome(older), await kit.outcome(newer)
     by = shapes.nested("result", (said.last or {}).get("by", []))
     expect(said.names[-1:] == ["superseded"], f"land, then hold: of land came {said}")
@@ -235,9 +220,7 @@ async def streams_at_a_rate(kit: UavKit) -> str:
     words = await kit.outcome(message)
     await asyncio.sleep(2.0)
     came = positions() - before
-    ending = kit.command(Stream("location", 0.0), gs_session=message.gs_session, seq=2)
-    kit.publish(ending)
-    ended = await kit.outcome(ending)
+    ended = await kit.outcome(kit.send(Stream("location", 0.0), gs_session=message.gs_session, seq=2))
     await asyncio.sleep(QUIET_S)
     before = positions()
     await asyncio.sleep(1.2)

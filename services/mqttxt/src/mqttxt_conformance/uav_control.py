@@ -47,8 +47,6 @@ async def refuses_a_lower_epoch(kit: UavKit) -> str:
     old = {} if kit.secured is None else {"counter": 1}
     await kit.echo(epoch=kit.epoch - 2, **old)
     again, _ = await kit.refused(kit.command(Arm(), epoch=kit.epoch - 2), "denied", "not_in_control")
-    message = kit.command(Arm())
-    kit.publish(message)
-    then = await kit.outcome(message)
+    then = await kit.outcome(kit.send(Arm()))
     expect(then.names[-1:] == ["completed"], f"a command of the newest epoch: came {then}")
     return f"epoch {kit.epoch - 1} under {kit.epoch}: {words}; after an older lease: {again}; epoch {kit.epoch}: {then}"

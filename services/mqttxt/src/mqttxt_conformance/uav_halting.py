@@ -28,9 +28,8 @@ async def lets_no_hold_wait(kit: UavKit) -> str:
     expect(kit.autopilot.flights(mark, REPOSITION), "goto was not written")
     used: list[int] = []
     for seq in (2, 3):
-        hold = kit.command(Hold(), gs_session=goto.gs_session, seq=seq)
         mark, asked_ms = len(kit.autopilot.written), kit.clock.now_ms()
-        kit.publish(hold)
+        hold = kit.send(Hold(), gs_session=goto.gs_session, seq=seq)
         await kit.tap.until(partial(_holds, kit, mark, tuple(used)), 3.0)
         found = _holds(kit, mark, tuple(used))
         expect(found, f"hold number {seq - 1}: not written in the name of one of {_HALTING} that waits for nothing")
@@ -55,9 +54,8 @@ async def lets_no_disarm_wait(kit: UavKit) -> str:
     arm, mark = await kit.unanswered(Arm(), ARM)
     armed_by = {one.message.get_srcComponent() for one in kit.autopilot.flights(mark, ARM)}
     expect(armed_by, "arm was not written")
-    disarm = kit.command(Disarm(), gs_session=arm.gs_session, seq=2)
     mark, asked_ms = len(kit.autopilot.written), kit.clock.now_ms()
-    kit.publish(disarm)
+    disarm = kit.send(Disarm(), gs_session=arm.gs_session, seq=2)
     await kit.tap.until(partial(_disarms, kit, mark), 3.0)
     found = _disarms(kit, mark)
     expect(found, "disarm, behind an arm without acknowledgement: not written within 3 s")
@@ -89,8 +87,7 @@ async def holds_by_where_it_is(kit: UavKit) -> str:
         await kit.show()
         await asyncio.sleep(STALE_S if withheld else 0)
         mark = len(kit.autopilot.written)
-        message = kit.command(Hold())
-        kit.publish(message)
+        message = kit.send(Hold())
         await kit.tap.until(partial(kit.autopilot.flights, mark), 3.0)
         numbers = [one.command for one in kit.autopilot.flights(mark)]
         await kit.outcome(message)
@@ -107,8 +104,7 @@ async def halts_without_a_heartbeat(kit: UavKit) -> str:
     await asyncio.sleep(STALE_S)
     refused = await kit.refused(kit.command(Disarm()), "denied", "no_autopilot")
     mark = len(kit.autopilot.written)
-    message = kit.command(Land())
-    kit.publish(message)
+    message = kit.send(Land())
     written = await kit.written(mark, LAND)
     said = kit.words(message.gs_session)
     await kit.calm()

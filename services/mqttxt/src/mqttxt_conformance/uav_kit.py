@@ -231,6 +231,18 @@ class UavKit:
         self.lead(message.gs_session)
         self.publish_raw(encode(message, encoding), retain)
 
+    def send(self, command: Command | None = None, **changed: Any) -> CommandMessage:
+        """Publish a command as `command` makes it."""
+        message = self.command(command, **changed)
+        self.publish(message)
+        return message
+
+    async def accepted(self, command: Command) -> CommandMessage:
+        """Publish a command, and wait until it is accepted."""
+        message = self.send(command)
+        await self.word(message, "accepted")
+        return message
+
     def publish_raw(self, payload: bytes, retain: bool = False) -> None:
         self.tap.publish(self.topics.commands(self.drone), payload, retain=retain)
 

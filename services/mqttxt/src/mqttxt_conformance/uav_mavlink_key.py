@@ -90,9 +90,7 @@ async def takes_signed_messages_without_a_key(kit: UavKit) -> str:
     kit.autopilot.signer = Signer(secrets.token_bytes(32))
     try:
         await asyncio.sleep(STALE_S)
-        message = kit.command(Arm())
-        kit.publish(message)
-        words = await kit.outcome(message)
+        words = await kit.outcome(kit.send(Arm()))
     finally:
         kit.autopilot.signer = None
     expect(words.names[-1:] == ["completed"], f"an autopilot that signs: came {words}")

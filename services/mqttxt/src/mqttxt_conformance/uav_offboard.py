@@ -42,9 +42,7 @@ async def offboard_streams_and_ends_in_hold(kit: UavKit) -> str:
     until_ms = kit.deadline(9000)
     await kit.echo(holder_session=_HOLDER, deadline_ms=until_ms, offboard_until_ms=kit.deadline(3000))
     mark = len(kit.autopilot.written)
-    message = kit.command(Offboard(1.0, Velocity(1, 0, 0)), gs_session=_HOLDER, seq=1)
-    kit.publish(message)
-    words = await kit.outcome(message, 8)
+    words = await kit.outcome(kit.send(Offboard(1.0, Velocity(1, 0, 0)), gs_session=_HOLDER, seq=1), 8)
     modes = kit.autopilot.flights(mark, SET_MODE)
     asked = [one.mode for one in modes]
     points = kit.autopilot.of_type(mark, _SET_POINT)
@@ -67,9 +65,7 @@ async def offboard_ends_with_the_lease(kit: UavKit) -> str:
     lease_ms = kit.deadline(2500)
     await kit.echo(holder_session=_HOLDER, deadline_ms=lease_ms, offboard_until_ms=lease_ms)
     mark = len(kit.autopilot.written)
-    message = kit.command(Offboard(60.0, Velocity(1, 0, 0)), limit_s=90.0, gs_session=_HOLDER, seq=2)
-    kit.publish(message)
-    words = await kit.outcome(message, 10)
+    words = await kit.outcome(kit.send(Offboard(60.0, Velocity(1, 0, 0)), limit_s=90.0, gs_session=_HOLDER, seq=2), 10)
     modes = [one.mode for one in kit.autopilot.flights(mark, SET_MODE)]
     expect(words.reason == "lease_lost", f"60 s of offboard with a lease of 2.5 s: came {words}")
     expect(modes[-1:] == [HOLD_MODE], f"modes commanded: {modes}, expected {HOLD_MODE} last")

@@ -26,16 +26,14 @@ async def sets_a_parameter(kit: UavKit) -> str:
     """A parameter is written in its own type and read back; a value that it has already is not written."""
     await kit.calm()
     mark = len(kit.autopilot.written)
-    message = kit.command(SetParameter(WHOLE, 3))
-    kit.publish(message)
+    message = kit.send(SetParameter(WHOLE, 3))
     words = await kit.outcome(message)
     sets = _sets(kit, mark)
     expect(sets == [(WHOLE, INT32, 3)], f"{WHOLE} to 3: written {sets}; came {words}")
     kinds = [one.message.get_type() for one in kit.autopilot.written[mark:]]
     expect("PARAM_REQUEST_READ" in kinds[kinds.index("PARAM_SET") :], f"{WHOLE} to 3: not read back; came {words}")
     expect(words.names[-1:] == ["completed"], f"{WHOLE} to 3: came {words}")
-    again = kit.command(SetParameter(WHOLE, 3), gs_session=message.gs_session, seq=2)
-    kit.publish(again)
+    again = kit.send(SetParameter(WHOLE, 3), gs_session=message.gs_session, seq=2)
     then = await kit.outcome(again)
     expect(_sets(kit, mark) == sets, f"{WHOLE}, which is 3, to 3: written again")
     expect(then.names[-1:] == ["completed"], f"{WHOLE}, which is 3, to 3: came {then}")
@@ -67,8 +65,7 @@ async def sets_no_parameter_late(kit: UavKit) -> str:
     kit.autopilot.parameters.takes_none = True
     before = kit.autopilot.parameters.values[FLOAT]
     mark = len(kit.autopilot.written)
-    message = kit.command(SetParameter(FLOAT, 2.5), ttl_ms=700, limit_s=30.0)
-    kit.publish(message)
+    message = kit.send(SetParameter(FLOAT, 2.5), ttl_ms=700, limit_s=30.0)
     words = await kit.outcome(message, 2 * _READ_S)
     written = kit.autopilot.of_type(mark, "PARAM_SET")
     assert message.deadline_ms is not None

@@ -75,13 +75,11 @@ async def denies_what_waits_behind_a_pilot(kit: UavKit) -> str:
     """A command that waits for its first write is `denied(mode_changed)` once a heartbeat shows a pilot's mode."""
     await kit.fly()
     kit.autopilot.manners[REPOSITION] = Manner(result=None)
-    first = kit.command(NEAR, ttl_ms=700)
-    kit.publish(first)
+    first = kit.send(NEAR, ttl_ms=700)
     await kit.outcome(first)
     kit.autopilot.manners.clear()
     mark = len(kit.autopilot.written)
-    second = kit.command(NEAR, gs_session=first.gs_session, seq=2, ttl_ms=10_000)
-    kit.publish(second)
+    second = kit.send(NEAR, gs_session=first.gs_session, seq=2, ttl_ms=10_000)
     await asyncio.sleep(2 * TOLD_S)
     kit.expect_unwritten(mark, "a goto whose number rests was written")
     await kit.show(POSITION_MODE)
@@ -98,9 +96,7 @@ async def gives_the_mode_its_time(kit: UavKit) -> str:
     await kit.fly()
     await kit.show(POSITION_MODE)
     kit.autopilot.manners[LAND] = Manner(effect=False)
-    message = kit.command(Land())
-    kit.publish(message)
-    await kit.word(message, "accepted")
+    message = await kit.accepted(Land())
     words = await kit.outcome(message)
     expect(words.names == ["accepted", "failed"] and words.reason == "mode_changed", f"LAND never showed: came {words}")
     took = words.at_ms[-1] - words.at_ms[0]
@@ -116,9 +112,7 @@ async def tells_a_pilots_hold_from_a_climbs_end(kit: UavKit) -> str:
         await kit.calm()
         kit.autopilot.armed = True
         await kit.show()
-        message = kit.command(Takeoff(_HEIGHT_M))
-        kit.publish(message)
-        await kit.word(message, "accepted")
+        message = await kit.accepted(Takeoff(_HEIGHT_M))
         kit.autopilot.landed, kit.autopilot.altitude_mm = 2, 1000 * height_m
         await kit.show(TAKEOFF_MODE)
         await asyncio.sleep(QUIET_S)
@@ -141,9 +135,7 @@ async def tells_a_pilots_hold_from_a_climbs_end(kit: UavKit) -> str:
 async def gives_the_landed_state_its_time(kit: UavKit) -> str:
     """While a `land` runs, a hold together with disarmed is the end of a landing; the landed state has 3 s."""
     await kit.fly()
-    message = kit.command(Land())
-    kit.publish(message)
-    await kit.word(message, "accepted")
+    message = await kit.accepted(Land())
     await kit.show(LAND_MODE)
     await asyncio.sleep(QUIET_S)
     kit.autopilot.armed, kit.autopilot.altitude_mm = False, 0
@@ -185,9 +177,7 @@ async def arms_in_hold(kit: UavKit) -> str:
     await kit.calm()
     await kit.show(_MISSION_MODE)
     mark = len(kit.autopilot.written)
-    message = kit.command(Arm())
-    kit.publish(message)
-    words = await kit.outcome(message)
+    words = await kit.outcome(kit.send(Arm()))
     written = kit.autopilot.flights(mark)
     modes = [one.mode for one in written if one.command == SET_MODE]
     in_order = [one.command for one in written][-2:] == [SET_MODE, ARM] and modes[-1:] == [HOLD_MODE]
@@ -197,8 +187,7 @@ async def arms_in_hold(kit: UavKit) -> str:
     kit.autopilot.manners[SET_MODE] = Manner(effect=False)
     await kit.show(_MISSION_MODE)
     mark = len(kit.autopilot.written)
-    second = kit.command(Arm())
-    kit.publish(second)
+    second = kit.send(Arm())
     await kit.written(mark, SET_MODE)
     await kit.show(POSITION_MODE)
     then = await kit.outcome(second)
@@ -212,9 +201,7 @@ async def arms_in_hold(kit: UavKit) -> str:
 async def believes_no_effect_of_a_restart(kit: UavKit) -> str:
     """An autopilot that starts anew in the air says that it has landed: the word is not `completed`."""
     await kit.fly()
-    message = kit.command(Land())
-    kit.publish(message)
-    await kit.word(message, "accepted")
+    message = await kit.accepted(Land())
     await kit.show(LAND_MODE)
     await asyncio.sleep(QUIET_S)
     kit.autopilot.silent = True

@@ -26,8 +26,7 @@ async def executes_only_its_own_session(kit: UavKit) -> str:
     """A command that names another session is not written."""
     await kit.calm()
     mark = len(kit.autopilot.written)
-    message = kit.command(Arm(), executor_session=kit.session % (2**32 - 1) + 1)
-    kit.publish(message)
+    message = kit.send(Arm(), executor_session=kit.session % (2**32 - 1) + 1)
     words = await kit.outcome(message)
     await asyncio.sleep(QUIET_S)
     kit.expect_unwritten(mark, f"session {message.executor_session} was named, not {kit.session}; written")
@@ -70,8 +69,7 @@ async def answers_a_query(kit: UavKit) -> str:
     """An id that it never saw, asked for after its deadline, is closed, and never executed afterwards."""
     await kit.calm()
     mark = len(kit.autopilot.written)
-    question = kit.command(Arm(), deadline_ms=0)
-    kit.publish(question)
+    question = kit.send(Arm(), deadline_ms=0)
     first = await kit.outcome(question)
     expect(first.names in (["expired"], ["unconfirmed"]), f"to the question came {first}")
     before = len(kit.tap.heard)
@@ -97,8 +95,7 @@ async def refuses_what_is_retained(kit: UavKit) -> str:
 async def answers_a_duplicate(kit: UavKit) -> str:
     """The same bytes again are answered with the newest word, and not written again."""
     await kit.calm()
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     await kit.outcome(message)
     kit.autopilot.armed = False
     mark, before = len(kit.autopilot.written), len(kit.tap.heard)
@@ -114,8 +111,7 @@ async def answers_a_duplicate(kit: UavKit) -> str:
 async def denies_an_id_conflict(kit: UavKit) -> str:
     """The same id with other contents is `denied(id_conflict)`."""
     await kit.calm()
-    message = kit.command(Arm())
-    kit.publish(message)
+    message = kit.send(Arm())
     await kit.outcome(message)
     mark, before = len(kit.autopilot.written), len(kit.tap.heard)
     kit.publish(kit.command(Disarm(), gs_session=message.gs_session))
@@ -131,8 +127,7 @@ async def denies_an_id_conflict(kit: UavKit) -> str:
 async def keeps_the_order(kit: UavKit) -> str:
     """After it has started seq n of a station, lower ones are `overtaken`."""
     await kit.calm()
-    message = kit.command(Arm(), seq=5)
-    kit.publish(message)
+    message = kit.send(Arm(), seq=5)
     await kit.outcome(message)
     await kit.calm()
     return "seq 4 after 5: " + (await kit.refused(kit.command(gs_session=message.gs_session, seq=4), "overtaken"))[1]
@@ -190,9 +185,7 @@ async def limits_what_mavlink_may_do(kit: UavKit) -> str:
     said = []
     for mav_cmd, first in ((ARM, 1.0), (_VTOL_TAKEOFF, 0.0), (_TERMINATE, 1.0), (_REBOOT, 1.0), (_NO_MAV_CMD, 0.0)):
         before = len(kit.autopilot.written)
-        message = kit.command(Mavlink(mav_cmd, (first, *[0.0] * 6)))
-        kit.publish(message)
-        words = await kit.outcome(message)
+        words = await kit.outcome(kit.send(Mavlink(mav_cmd, (first, *[0.0] * 6))))
         written = [one for one in kit.autopilot.written[before:] if one.command == mav_cmd]
         expect(not written, f"mavlink({mav_cmd}) was written; came {words}")
         expect(words.names == ["denied"], f"mavlink({mav_cmd}): came {words}")

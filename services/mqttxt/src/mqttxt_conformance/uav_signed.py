@@ -165,8 +165,7 @@ async def control_ends_with_the_grant(kit: UavKit) -> str:
     late = [at_ms for at_ms in beats if kit.read_late(at_ms, granted_ms)]
     expect(beats, "no heartbeat of a ground station inside a grant of 2.5 s")
     expect(not late, f"{len(late)} heartbeats of a ground station after the grant's end, under a lease of 30 s")
-    hold = kit.command(Hold(), gs_session=_HOLDER)
-    kit.publish(hold)
+    hold = kit.send(Hold(), gs_session=_HOLDER)
     words = await kit.outcome(hold)
     expect(words.names[-1:] == ["completed"], f"hold after the grant's end, within the lease: came {words}")
     return (
