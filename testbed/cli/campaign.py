@@ -15,13 +15,13 @@ from net.link_plan import SHAPERS
 from ..errors import DockerError, Interrupted, SchedulerEnded
 from ..fly.campaign.run import fly_all
 from ..fly.campaign.targets import CERTIFICATE, Wish, plans_of
-from ..fly.flights import settings_of
+from ..fly.flights import check_settings
 from ..fly.only_run import only_run
 from ..fly.progress import ConsoleProgress
 from ..fly.results import Series
 from ..fly.runner import Begun, run_series, signals_interrupt
 from ..fly.validity import Verdict
-from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, PROTOCOLS, Plan
+from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, Plan
 from ..plan.machines import refuse_machines
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker
 from ..present.summary.cells import find_cells
@@ -62,9 +62,7 @@ def fly_everything(
         certificate=str(certificate),
     )
     plans = plans_of(wish)
-    for plan in plans:
-        for protocol in PROTOCOLS:
-            settings_of(plan, protocol)  # its errors are raised before anything is written
+    check_settings(plans)
     console = make_console()
     root = results.absolute()
     campaign = _on_machines(scheduler, certificate) if scheduler else _here
@@ -84,6 +82,11 @@ def fly_everything(
 def _here(plans: Sequence[Plan], root: Path, console: Console) -> bool:
     """Fly a campaign on this machine alone."""
     only_run()
+    return fly_here(plans, root, console)
+
+
+def fly_here(plans: Sequence[Plan], root: Path, console: Console) -> bool:
+    """As `fly_all`; each series is reported once it was flown."""
 
     def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
         with reported_without_docker(series, console):

@@ -18,7 +18,7 @@ from net.link_plan import SHAPERS
 
 from ..errors import TestbedError, UserError
 from ..fly.containers import Containers
-from ..fly.flights import settings_of
+from ..fly.flights import check_settings
 from ..fly.link_check import check_profiles
 from ..fly.machines.spread import containers_on
 from ..fly.only_run import only_run
@@ -182,8 +182,7 @@ def make_fleet_files() -> None:
 
 def _run(plan: Plan, results: Path) -> None:
     """Fly, measure and report a plan."""
-    for protocol in plan.protocols:
-        settings_of(plan, protocol)  # its errors are raised before anything is written
+    check_settings([plan])
     console = make_console()
     only_run()
     if plan.page is not None:

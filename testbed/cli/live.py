@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import functools
 import logging
 import os
-import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -34,6 +32,7 @@ from ..plan.machines import refuse_machines
 from ..plan.overrides import fleet_in
 from ..plan.typed import one_of
 from ..present.reporting import RESULTS, make_console
+from .machines import until_a_signal
 
 LIVE = RESULTS / ".live"
 PROFILE_HELP = "How the links are: a name of `testbed profiles`, or the path of a .yaml file."
@@ -142,15 +141,8 @@ def page(
     def asks(service: str) -> Ask:
         return functools.partial(containers.output, service, user="0:0" if service == "net" else NODE_USER)
 
-    async def until_signal() -> None:
-        serving = asyncio.ensure_future(serve_page(protocol, folder, fleet, asks, security, port, watch_only))
-        for number in (signal.SIGTERM, signal.SIGINT):
-            asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
-        with contextlib.suppress(asyncio.CancelledError):
-            await serving
-
     try:
-        asyncio.run(until_signal())
+        asyncio.run(until_a_signal(serve_page(protocol, folder, fleet, asks, security, port, watch_only)))
     except MqttxtError as error:
         raise TestbedError(str(error)) from error
 

@@ -53,7 +53,7 @@ def scheduler(
     from ..fly.campaign.machines import schedule
 
     quiet()
-    asyncio.run(_until_a_signal(schedule(port, security_of(certificate), typer.echo)))
+    asyncio.run(until_a_signal(schedule(port, security_of(certificate), typer.echo)))
 
 
 def worker(
@@ -93,7 +93,8 @@ def report_beside_flights(path: Path) -> None:
 STEPS = Steps(fly_series, report_beside_flights)
 
 
-async def _until_a_signal(running: Coroutine[Any, Any, None]) -> None:
+async def until_a_signal(running: Coroutine[Any, Any, None]) -> None:
+    """Run until it ends, or until SIGTERM or Ctrl-C."""
     task = asyncio.ensure_future(running)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, task.cancel)

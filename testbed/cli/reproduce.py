@@ -10,22 +10,18 @@ import typer
 from rich.console import Console
 
 from ..errors import DockerError, Interrupted, ResultsError
-from ..fly.campaign.run import fly_all
-from ..fly.flights import settings_of
+from ..fly.flights import check_settings
 from ..fly.manifest import revision
 from ..fly.only_run import only_run
-from ..fly.progress import ConsoleProgress
-from ..fly.results import Series
-from ..fly.runner import Begun, run_series, signals_interrupt
-from ..fly.validity import Verdict
+from ..fly.runner import signals_interrupt
 from ..numbers.reproduction import REPRODUCED
-from ..plan.experiments import Plan
 from ..plan.headline import HEADLINE, Headline, read_headline
 from ..plan.machines import refuse_machines
 from ..plan.overrides import suffix
-from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker, shown_path
+from ..present.reporting import RESULTS, make_console, shown_path
 from ..present.reproduction import Flown, flown_of, print_reproduction, verdict, write_reproduction
 from ..present.summary.cells import find_cells
+from .campaign import fly_here
 
 FOLDER = RESULTS / "reproduction"
 
@@ -58,18 +54,11 @@ def reproduce(
 
 def _fly(headline: Headline, root: Path, console: Console, again: str) -> None:
     plans = [cell.plan for cell in headline.cells]
-    for plan in plans:
-        for protocol in plan.protocols:
-            settings_of(plan, protocol)  # its errors are raised before anything is written
+    check_settings(plans)
     only_run()
-
-    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
-        with reported_without_docker(series, console):
-            return run_series(plan, series, ConsoleProgress(console), begun=begun)
-
     try:
         with signals_interrupt("what was flown is kept"):
-            fly_all(plans, root, console, fly, lambda path: report_series(path, console))
+            fly_here(plans, root, console)
     except (Interrupted, DockerError) as error:
         raise type(error)(f"{error}\n{again}") from None
 

@@ -56,6 +56,13 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
     }
 
 
+def check_settings(plans: Iterable[Plan]) -> None:
+    """Raise UserError as `settings_of` for any of the plans, before anything is written."""
+    for plan in plans:
+        for protocol in plan.protocols:
+            settings_of(plan, protocol)
+
+
 def _one(plan: Plan) -> int:
     """The drone whose messages the message set counts."""
     ((drone,),) = plan.fleet.one.values()

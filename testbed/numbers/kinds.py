@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from statistics import mean
 
 from . import words
-from .observed import NOTHING_SENT, Amount, Kind, Loss, Sides
+from .observed import NOTHING_SENT, Amount, FrameSizes, Kind, Loss, Sides
 from .quantities import Row
 from .quantity import Figure
 
@@ -18,22 +18,6 @@ COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
 STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 _ANSWERS = ("result", "ack")
 """The names of both sides' answers: MQTT-XT's results, MAVLink's COMMAND_ACK."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """The frame that carries one message between two nodes, in bytes; `ack` is the mean cost of its acknowledgement
-    on a link, None without one."""
-
-    mean: float
-    least: int
-    most: int
-    ack: float | None
-
-    @property
-    def span(self) -> str:
-        """'86 to 91', empty where all are the same."""
-        return f"{self.least} to {self.most}" if self.least != self.most else ""
 
 
 @dataclass(frozen=True)
@@ -51,8 +35,8 @@ class Side:
     with_states: Amount
     alone: Amount
     setpoints: Amount | None
-    frame: Frame | None
-    answer: Frame | None
+    frame: FrameSizes | None
+    answer: FrameSizes | None
     delay_ms: float | None
     app_ms: float | None
     loss: Loss
@@ -184,13 +168,15 @@ def _amount(entries: Sequence[Kind], amounts: Sequence[Amount]) -> Amount:
     return Amount(sum(one.packets for one in amounts) / asked, sum(one.bytes for one in amounts) / asked)
 
 
-def _frame(entries: Sequence[Kind], message: str) -> Frame | None:
+def _frame(entries: Sequence[Kind], message: str) -> FrameSizes | None:
     sizes = [one.frames[message] for one in entries if message in one.frames]
     if not sizes:
         return None
     acks = [(size.ack, size.count) for size in sizes if size.ack is not None]
-    return Frame(
-        mean=sum(size.mean * size.count for size in sizes) / sum(size.count for size in sizes),
+    count = sum(size.count for size in sizes)
+    return FrameSizes(
+        count,
+        mean=sum(size.mean * size.count for size in sizes) / count,
         least=min(size.least for size in sizes),
         most=max(size.most for size in sizes),
         ack=sum(ack * count for ack, count in acks) / sum(count for _, count in acks) if acks else None,

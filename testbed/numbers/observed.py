@@ -47,13 +47,19 @@ class Amount:
 
 @dataclass(frozen=True)
 class FrameSizes:
-    """Frames that carry one message between two nodes, in bytes; `ack` is the mean cost of an acknowledgement."""
+    """Frames that carry one message between two nodes, in bytes; `ack` is the mean cost of an acknowledgement on a
+    link, None without one."""
 
     count: int
     mean: float
     least: int
     most: int
     ack: float | None
+
+    @property
+    def span(self) -> str:
+        """'86 to 91', empty where all are the same."""
+        return f"{self.least} to {self.most}" if self.least != self.most else ""
 
 
 @dataclass(frozen=True)

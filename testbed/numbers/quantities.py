@@ -11,7 +11,7 @@ from statistics import median
 
 from . import words
 from .attempt_entry import LossEntry
-from .observed import NO_SIDE, NOTHING_SENT, Attempt, Loss, Side, Sides
+from .observed import NOTHING_SENT, Attempt, Loss, Side, Sides
 from .quantity import ABOVE, BELOW, ByCommand, Completed, Figure, Quantity, Share
 from .statistics import loss_of, paired_test, significant
 from .written import CompletionEntry, PairedTestEntry, SpreadEntry, Statistics
@@ -147,11 +147,6 @@ class Row:
         """The largest value in the row, the end of its scale; 0 without values."""
         scaled = [cell.points for cell in self.cells.values() if cell.loss is None]
         return max((value for points in scaled for value in points), default=0.0)
-
-
-def figure(quantity: Quantity, sides: Sides, protocol: str) -> Figure:
-    """The figure of one side; if the protocol was not flown, that of a side without attempts."""
-    return quantity.figure(sides.get(protocol, NO_SIDE))
 
 
 def row(quantity: Quantity, sides: Sides) -> Row:

@@ -12,7 +12,7 @@ from ..plan.headline import LEAST_ATTEMPTS, RATIO, Cell, Line
 from .observed import NO_SIDE, Sides
 from .quantities import DOUBLED, LATE, LONGEST_STATE, QUANTITIES, SUCCESS
 from .quantity import ABOVE, BELOW, Quantity
-from .statistics import RESAMPLES, significant
+from .statistics import resampled, significant
 
 REPRODUCED, NOT_REPRODUCED, UNDECIDED = "reproduced", "not reproduced", "undecided"
 JUDGED: dict[str, Quantity] = {one.key: one for one in (*QUANTITIES, LONGEST_STATE, DOUBLED, LATE, SUCCESS)}
@@ -72,9 +72,7 @@ def estimate(points: Sequence[float], seed: int, *, ratios: bool = False) -> Est
     values = np.array(points, dtype=np.float64)
     values = np.log(values) if ratios else values
     back: Callable[[float], float] = math.exp if ratios else float
-    drawn = np.random.default_rng(seed).integers(0, len(values), size=(RESAMPLES, len(values)))
-    edges = np.percentile(values[drawn].mean(axis=1), (2.5, 97.5))
-    found = (significant(back(float(value))) for value in (values.mean(), *edges))
+    found = (significant(back(value)) for value in (float(values.mean()), *resampled(values, seed)))
     return Estimate(*found)
 
 

@@ -19,15 +19,22 @@ ALL_SIGNS = 14
 """Up to this many pairs every assignment of signs is tried; above it, RESAMPLES random ones."""
 _TINY = 1e-9
 
+Values = np.ndarray[Any, np.dtype[np.float64]]
+
 
 def interval(points: Sequence[float]) -> tuple[float, float] | None:
     """The 95 % bootstrap interval of the mean (percentiles of resampled means); None below six points."""
     if len(points) < ENOUGH:
         return None
-    drawn = np.random.default_rng(SEED).integers(0, len(points), size=(RESAMPLES, len(points)))
-    means = np.array(points, dtype=np.float64)[drawn].mean(axis=1)
-    least, most = (significant(float(edge)) for edge in np.percentile(means, (2.5, 97.5)))
+    least, most = (significant(edge) for edge in resampled(np.array(points, dtype=np.float64), SEED))
     return least, most
+
+
+def resampled(values: Values, seed: int) -> tuple[float, float]:
+    """The edges of the middle 95 % of resampled means."""
+    drawn = np.random.default_rng(seed).integers(0, len(values), size=(RESAMPLES, len(values)))
+    low, high = np.percentile(values[drawn].mean(axis=1), (2.5, 97.5))
+    return float(low), float(high)
 
 
 def paired_test(differences: Sequence[float]) -> PairedTestEntry | None:
@@ -60,7 +67,7 @@ def significant(value: float) -> float:
     return float(f"{value:.9g}")
 
 
-def _rank_biserial(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+def _rank_biserial(values: Values) -> float:
     told = values[values != 0]
     if not len(told):
         return 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 Names = tuple[int | str, ...]
 LINK_CLASSES = ("wan", "backhaul", "air", "sense")
@@ -34,17 +35,21 @@ class Topology:
     nodes: tuple[Node, ...]
     links: tuple[Link, ...]
 
+    @cached_property
+    def ends(self) -> dict[str, tuple[str, str]]:
+        """The nodes from which and to which each directed link leads, by its name, as `air:uav1:up`."""
+        found = {}
+        for link in self.links:
+            found[f"{link.name}:up"] = (link.lower, link.upper)
+            found[f"{link.name}:down"] = (link.upper, link.lower)
+        return found
+
     def name_of(self, address: str) -> str | None:
         return next((node.name for node in self.nodes if node.address == address), None)
 
     def link_of(self, source: str, destination: str) -> str | None:
-        """The directed link between two neighbours, as `air:uav1:up`; None for any other pair."""
-        for link in self.links:
-            if (source, destination) == (link.lower, link.upper):
-                return f"{link.name}:up"
-            if (source, destination) == (link.upper, link.lower):
-                return f"{link.name}:down"
-        return None
+        """The directed link between two neighbours; None for any other pair."""
+        return next((name for name, ends in self.ends.items() if ends == (source, destination)), None)
 
 
 def place_of_link(name: str) -> tuple[int, Names]:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
-from ..fly.results import REPORT, Series, write_json, write_text
+from ..fly.results import Series, write_json, write_text
 from ..numbers import words
 from ..numbers.observed import observe
 from ..numbers.reproduction import Judged, judge, verdict_of
@@ -21,10 +18,10 @@ from ..numbers.written import Metrics
 from ..plan import wording
 from ..plan.documents import shown
 from ..plan.headline import RATIO, Cell, Headline
-from .report.figures.draw import WIDE
+from .report.figures.files import write_figure
 from .report.figures.margins import margins
-from .report.figures.pdf import pdf
-from .report.html import environment
+from .report.html import environment, path_of_report
+from .report.tables import plain_table
 
 DOCUMENT, PAGE = "reproduction.json", "reproduction.html"
 VERSION = 1
@@ -90,20 +87,7 @@ def basis_of(judged: Judged) -> str:
 def print_reproduction(headline: Headline, flown: Sequence[Flown], console: Console) -> None:
     """Print a table for each cell, then the attempts that do not count, then the verdict."""
     for one in flown:
-        table = Table(
-            "",
-            "published",
-            "margin",
-            "found",
-            "95 % interval",
-            "of",
-            "verdict",
-            title=f"\n{one.cell.name}",
-            title_justify="left",
-            box=box.SIMPLE_HEAD,
-            show_edge=False,
-            pad_edge=False,
-        )
+        table = plain_table(one.cell.name, "", "published", "margin", "found", "95 % interval", "of", "verdict")
         for judged in one.judged:
             table.add_row(*_cells(judged))
         console.print(table)
@@ -138,14 +122,13 @@ def write_reproduction(headline: Headline, flown: Sequence[Flown], folder: Path)
             table=shown(headline.path),
             flown=flown,
             rows={one.cell.name: [(_cells(judged), judged.line.reason) for judged in one.judged] for one in flown},
-            reports={one.cell.name: _report(one.series, page) for one in flown},
+            reports={one.cell.name: path_of_report(one.series, page) for one in flown},
             notes=notes_of(flown),
             figure=figure,
             beside=page.stem,
         ),
     )
-    page.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
-    page.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))
+    write_figure(page, figure)
     return document, page
 
 
@@ -210,8 +193,3 @@ def _counted(flown: Sequence[Flown]) -> str:
     judged = [one for cell in flown for one in cell.judged]
     done = sum(one.verdict == "reproduced" for one in judged)
     return f"{done} of {wording.plural(len(judged), 'line')} reproduced"
-
-
-def _report(series: Series, page: Path) -> str | None:
-    report = series.path / REPORT
-    return Path(os.path.relpath(report, page.parent.resolve())).as_posix() if report.exists() else None

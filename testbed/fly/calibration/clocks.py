@@ -15,7 +15,7 @@ from typing import Any
 from ...plan.fleet import Fleet
 from ...plan.machines import Machine
 from .calibrate import Arrivals, RunInNode, run_schedule
-from .schedule import DELAY, SMALLEST_FRAME, Flow, Schedule
+from .schedule import DELAY, Flow, Schedule
 
 NET, HERE, HERE_NODE = "net", "this machine", "gs"
 COUNT, EVERY_S, AFTER_S = 60, 0.02, 0.3
@@ -59,20 +59,7 @@ def measure_ways(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNo
     for place, (first, *_) in enumerate(nodes.values()):
         at_s = round(place * EVERY_S / len(nodes), 6)
         ends = ((NET, first, fleet.address(first)), (first, NET, fleet.gateway(first)))
-        flows += [
-            Flow(
-                2 * place + way,
-                first,
-                DELAY,
-                *end,
-                at_s=at_s,
-                burst=1,
-                every_s=EVERY_S,
-                count=COUNT,
-                frame_bytes=SMALLEST_FRAME,
-            )
-            for way, end in enumerate(ends)
-        ]
+        flows += [Flow(2 * place + way, first, DELAY, *end, at_s, EVERY_S, COUNT) for way, end in enumerate(ends)]
     schedule = Schedule(tuple(flows), COUNT * EVERY_S + AFTER_S)
     came = run_schedule(schedule, run_in_node)
     return tuple(

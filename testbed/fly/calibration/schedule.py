@@ -51,7 +51,7 @@ LOAD_FRAMES_S, LOAD_SHARE, LONGEST_LOAD_S = 6_000, 0.8, 20.0
 """Frames per second on all links together; the share of each link's rate; the longest time."""
 
 DELAY, RATE, LOAD = "delay", "rate", "load"
-UP, DOWN = "up", "down"
+DOWN = "down"
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Flow:
     destination: str
     address: str
     at_s: float
-    burst: int
     every_s: float
     count: int
-    frame_bytes: int
+    frame_bytes: int = SMALLEST_FRAME
+    burst: int = 1
     overfills: bool = False
 
     @property
@@ -112,17 +112,18 @@ def make_schedule(
     """
     unprobed = dict(_unprobed(plan, closed))
     wanted = [name for name in plan.links if name in only and (name, DELAY) not in unprobed]
-    ends = _Ends(topology)
     flows: list[Flow] = []
     for place, name in enumerate(wanted):
-        flows.append(_delay_flow(plan.links[name], ends.of(name), len(flows), name, place / max(1, len(wanted))))
+        ends = _ends(topology, name)
+        flows.append(_delay_flow(plan.links[name], ends, len(flows), name, place / max(1, len(wanted))))
     free_s = max((_arrived_s(flow, plan.links[flow.link]) for flow in flows), default=0.0)
     rated = [name for name in wanted if (name, RATE) not in unprobed]
     for group in _rate_groups(plan, rated):
         last_s = free_s
         for name in group:
             briefest_s = BRIEFEST_S * 2**again
-            flow = _rate_flow(plan.links[name], ends.of(name), len(flows), name, free_s + PAUSE_S, briefest_s)
+            ends = _ends(topology, name)
+            flow = _rate_flow(plan.links[name], ends, len(flows), name, free_s + PAUSE_S, briefest_s)
             flows.append(flow)
             last_s = max(last_s, flow.sent_s + _drain_s(flow, plan.links[name]))
         free_s = last_s
@@ -133,7 +134,7 @@ def make_schedule(
 def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) -> Schedule:
     """Schedule frames on every lossy link, so that the shaper's counters show the loss; the frames measure nothing."""
     wanted = [name for name, link in plan.links.items() if link.loss and not _closed(name, closed)]
-    ends, flows = _Ends(topology), list[Flow]()
+    flows: list[Flow] = []
     for number, name in enumerate(wanted):
         link = plan.links[name]
         ways = 1 if link.shared_with is None else 2
@@ -141,19 +142,7 @@ def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) ->
         fewest, most = LOAD_FRAMES
         count = min(max(fewest, min(most, math.ceil(LOAD_LOSSES / link.loss))), int(LONGEST_LOAD_S / every_s))
         at_s = round(every_s * number / len(wanted), 6)
-        flows.append(
-            Flow(
-                number,
-                name,
-                LOAD,
-                *ends.of(name),
-                at_s=at_s,
-                burst=1,
-                every_s=round(every_s, 9),
-                count=count,
-                frame_bytes=SMALLEST_FRAME,
-            )
-        )
+        flows.append(Flow(number, name, LOAD, *_ends(topology, name), at_s, round(every_s, 9), count))
     length_s = max((_arrived_s(flow, plan.links[flow.link]) for flow in flows), default=0.0)
     return Schedule(tuple(flows), round(length_s, 3))
 
@@ -191,19 +180,10 @@ def _kept_s(link: LinkPlan) -> float:
     return max(0, link.queue_packets - 1) * _sending_s(link, size)
 
 
-class _Ends:
-    """The nodes at the ends of directed links."""
-
-    def __init__(self, topology: Topology) -> None:
-        self._links = {link.name: link for link in topology.links}
-        self._addresses = {node.name: node.address for node in topology.nodes}
-
-    def of(self, name: str) -> tuple[str, str, str]:
-        """Source, destination, the destination's address."""
-        base, _, direction = name.rpartition(":")
-        link = self._links[base]
-        source, destination = (link.lower, link.upper) if direction == UP else (link.upper, link.lower)
-        return source, destination, self._addresses[destination]
+def _ends(topology: Topology, name: str) -> tuple[str, str, str]:
+    """A directed link's source, its destination, and the destination's address."""
+    source, destination = topology.ends[name]
+    return source, destination, next(node.address for node in topology.nodes if node.name == destination)
 
 
 def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: str, phase: float) -> Flow:
@@ -216,17 +196,7 @@ def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: s
     count = math.ceil(lasts_s / every_s / arriving(link))
     if link.shared_with is not None:  # the other direction's probes are sent halfway between
         phase = 0.5 * name.endswith(f":{DOWN}")
-    return Flow(
-        number,
-        name,
-        DELAY,
-        *ends,
-        at_s=round(phase * every_s, 6),
-        burst=1,
-        every_s=round(every_s, 6),
-        count=count,
-        frame_bytes=SMALLEST_FRAME,
-    )
+    return Flow(number, name, DELAY, *ends, round(phase * every_s, 6), round(every_s, 6), count)
 
 
 def _rate_groups(plan: LinksPlan, names: list[str]) -> Iterator[list[str]]:
@@ -247,26 +217,13 @@ def _rate_flow(
     if not _can_fill(link):
         wanted = int(80 * link.jitter_us / 1e6 / _sending_s(link, SMALLEST_RATE_FRAME))
         count = min(link.queue_packets, max(FEWEST_FRAMES, min(wanted, 1_000)))
-        return Flow(
-            number, name, RATE, *ends, at_s=at_s, burst=count, every_s=0.0, count=count, frame_bytes=SMALLEST_RATE_FRAME
-        )
+        return Flow(number, name, RATE, *ends, at_s, 0.0, count, SMALLEST_RATE_FRAME, burst=count)
     size, frames = _rate_size(link)
     frames = max(frames, math.ceil(briefest_s / _sending_s(link, size)))
     every_s = _sending_s(link, size) / OFFER
     burst = math.ceil(OVERFILL * link.queue_packets) + SPARE_FRAMES
     count = burst + math.ceil(frames * OFFER)
-    return Flow(
-        number,
-        name,
-        RATE,
-        *ends,
-        at_s=at_s,
-        burst=burst,
-        every_s=round(every_s, 9),
-        count=count,
-        frame_bytes=size,
-        overfills=True,
-    )
+    return Flow(number, name, RATE, *ends, at_s, round(every_s, 9), count, size, burst, overfills=True)
 
 
 def _can_fill(link: LinkPlan) -> bool:

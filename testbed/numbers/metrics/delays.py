@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from ..attempt_entry import Delays, Receipts, Summary
+from .exchange import calls_in
 from .mavlink import CALLS
 from .window import Window
 
@@ -44,7 +45,7 @@ def by_capture_ms(sent: pl.DataFrame) -> dict[str, list[float]]:
 
 def calls_ms(events: list[dict[str, Any]], window: Window) -> dict[str, list[float]]:
     """By command the times from the API call until the calling program had its first word about a drone."""
-    calls = {e["call"]: e for e in events if e["event"] == "command" and window.asked_ns <= e["t_ns"] <= window.end_ns}
+    calls = {event["call"]: event for event in calls_in(events, window)}
     heard: set[tuple[Any, Any]] = set()
     found: dict[str, list[float]] = defaultdict(list)
     for event in events:
@@ -74,11 +75,9 @@ def receipts(
     ended = {(e["call"], e["drone"]): e["t_ns"] for e in events if e["event"] == "outcome" and e["final"]}
     calls = [
         (drone, event)
-        for event in events
-        if event["event"] == "command"
-        and event["command"] in CALLS
-        and window.asked_ns <= event["t_ns"] <= window.end_ns
-        for drone in ([event["drone"]] if event["drone"] is not None else drones_of.get(event["fog"], []))
+        for event in calls_in(events, window)
+        if event["command"] in CALLS
+        for drone in _called(event, drones_of)
     ]
     found: Receipts = {"calls": len(calls), "doubled": 0, "late": 0}
     for place, (drone, call) in enumerate(calls):
@@ -105,6 +104,11 @@ def _commands(flights: dict[str, list[dict[str, Any]]]) -> dict[int, list[dict[s
     }
 
 
+def _called(call: dict[str, Any], drones_of: dict[int, list[int]]) -> list[int]:
+    """The drones that a call is for: one, or all of its fog."""
+    return [call["drone"]] if call["drone"] is not None else drones_of.get(call["fog"], [])
+
+
 def received_ms(
     events: list[dict[str, Any]],
     flights: dict[str, list[dict[str, Any]]],
@@ -117,12 +121,9 @@ def received_ms(
     """
     found: dict[str, list[float]] = defaultdict(list)
     arrived = _commands(flights)
-    for event in events:
-        if event["event"] != "command" or not window.asked_ns <= event["t_ns"] <= window.end_ns:
-            continue
+    for event in calls_in(events, window):
         call = CALLS.get(str(event["command"]))
-        targets = [event["drone"]] if event["drone"] is not None else drones_of.get(event["fog"], [])
-        for drone in targets if call is not None else ():
+        for drone in _called(event, drones_of) if call is not None else ():
             took = next(
                 (
                     command["arrived_ns"]

@@ -12,8 +12,7 @@ from ...plan.topology import place_of_link
 from ..packets import Packets, load
 from .readings import Measured, readings_of
 from .shaping import read_shaping
-
-SECOND_NS = 1_000_000_000
+from .window import SECOND_NS
 
 
 @dataclass(frozen=True)

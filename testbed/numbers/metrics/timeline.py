@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
+from ...fly.pcap import Ints
 from ..attempt_entry import AmountEntry, Load, Retransmissions
 from ..packets import Packets
 from .ways import Ways
-from .window import SECOND_NS, Window
+from .window import Window
 
 _BINS = (0, 20, 40, 80, 160, 320, 640, 1280, 2560, 5120)
 """The least size of each of Wireshark's bins (Statistics > Packet Lengths)."""
@@ -20,18 +21,14 @@ def load(packets: Packets, ways: Ways, window: Window) -> Load:
     A drone's bytes through its fog are the frames that entered its air link in either direction. The last second may
     be incomplete.
     """
-    seconds = max(1, -(-(window.end_ns - window.start_ns) // SECOND_NS))
-    frames = packets.frames.filter(window.entered).select(
-        pl.col("link").cast(pl.String), "size", ((pl.col("t_ns") - window.start_ns) // SECOND_NS).alias("second")
-    )
+    frames = packets.frames.filter(window.entered).select(pl.col("link").cast(pl.String), "size", window.second)
     found: Load = {}
-    total = np.zeros(seconds, dtype=np.int64)
+    total = np.zeros(window.whole_seconds, dtype=np.int64)
     for fog, drones in ways.fogs.items():
         by_drone = found[fog] = dict[str, list[int]]()
         for node in drones:
             own = frames.filter(pl.col("link").is_in(ways.both(node, fog)))
-            at = np.minimum(own["second"].to_numpy(), seconds - 1)
-            series = np.bincount(at, weights=own["size"].to_numpy(), minlength=seconds).astype(np.int64)
+            series = _by_second(own, window)
             by_drone[node] = series.tolist()
             total += series
     return {**found, "total": total.tolist()}
@@ -39,19 +36,16 @@ def load(packets: Packets, ways: Ways, window: Window) -> Load:
 
 def over_time(packets: Packets, window: Window) -> dict[str, list[int]]:
     """Bytes that entered links in either direction in each second, by class of link (wan, backhaul, air, sense)."""
-    seconds = max(1, -(-(window.end_ns - window.start_ns) // SECOND_NS))
-    frames = packets.frames.filter(window.entered).select(
-        pl.col("link").cast(pl.String).str.split(":").list.first().alias("of"),
-        "size",
-        ((pl.col("t_ns") - window.start_ns) // SECOND_NS).clip(upper_bound=seconds - 1).alias("second"),
-    )
-    found = {}
-    for (name,), own in sorted(frames.group_by("of", maintain_order=True)):
-        weights = own["size"].to_numpy()
-        found[str(name)] = (
-            np.bincount(own["second"].to_numpy(), weights=weights, minlength=seconds).astype(int).tolist()
-        )
-    return found
+    of = pl.col("link").cast(pl.String).str.split(":").list.first().alias("of")
+    frames = packets.frames.filter(window.entered).select(of, "size", window.second)
+    groups = sorted(frames.group_by("of", maintain_order=True))
+    return {str(name): _by_second(own, window).tolist() for (name,), own in groups}
+
+
+def _by_second(frames: pl.DataFrame, window: Window) -> Ints:
+    """The bytes of frames (`size`) in each second of the window (`second`)."""
+    sums = np.bincount(frames["second"].to_numpy(), weights=frames["size"].to_numpy(), minlength=window.whole_seconds)
+    return sums.astype(np.int64)
 
 
 def sizes(packets: Packets, window: Window) -> dict[str, int]:

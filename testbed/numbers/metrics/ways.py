@@ -12,10 +12,7 @@ class Ways:
     """The directed links of a topology by their ends. Its nodes are a tree."""
 
     def __init__(self, topology: Topology) -> None:
-        self._ends: dict[str, tuple[str, str]] = {}
-        for link in topology.links:
-            self._ends[f"{link.name}:up"] = (link.lower, link.upper)
-            self._ends[f"{link.name}:down"] = (link.upper, link.lower)
+        self._ends = topology.ends
         self._nodes = [node.name for node in topology.nodes]
 
     @property

@@ -35,6 +35,17 @@ class Window:
     def seconds(self) -> float:
         return (self.end_ns - self.start_ns) / 1e9
 
+    @property
+    def whole_seconds(self) -> int:
+        """How many seconds have begun; the last one may be incomplete."""
+        return max(1, -(-(self.end_ns - self.start_ns) // SECOND_NS))
+
+    @property
+    def second(self) -> pl.Expr:
+        """In which of them a row of packets or messages entered its link."""
+        since = (pl.col("t_ns") - self.start_ns) // SECOND_NS
+        return since.clip(upper_bound=self.whole_seconds - 1).alias("second")
+
     def holds(self, t_ns: int) -> bool:
         """Whether a time lies in the window."""
         return self.start_ns <= t_ns <= self.end_ns

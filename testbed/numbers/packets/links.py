@@ -18,11 +18,8 @@ class Tree:
 
     def __init__(self, topology: Topology) -> None:
         self.nodes = [node.name for node in topology.nodes]
-        self.links: list[str] = []
-        self._ends: list[tuple[str, str]] = []
-        for link in topology.links:
-            self.links += [f"{link.name}:up", f"{link.name}:down"]
-            self._ends += [(link.lower, link.upper), (link.upper, link.lower)]
+        self.links = list(topology.ends)
+        self._ends = list(topology.ends.values())
         addresses = np.array([int(ipaddress.IPv4Address(node.address)) for node in topology.nodes], dtype=np.int64)
         self._order = np.argsort(addresses)
         self._addresses = addresses[self._order]

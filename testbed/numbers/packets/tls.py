@@ -18,7 +18,7 @@ Secrets = Mapping[str, bytes]
 """The traffic secrets of a session, by their labels in a key log."""
 _SIDES = ("CLIENT", "SERVER")
 _HANDSHAKE, _APPLICATION = 22, 23
-_HEADER, _TAG, _NONCE = 5, 16, 12
+_HEADER, _NONCE = 5, 12
 _HELLO, _RANDOM = b"\x01", slice(11, 43)
 """A ClientHello's message type, and the position of its random in a record that begins with one."""
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
-from net.link_plan import DIRECTIONS, EventPlan, LinkPlan
+from net.link_plan import EventPlan, LinkPlan
 
 from ..topology import Topology
 from .resolve import LinksPlan
@@ -66,11 +66,9 @@ def directed_links(plan: LinksPlan, topology: Topology, always: bool = False) ->
         states = tuple(_states(plan, name))
         if not always and not any(state.is_shaped or closed for _, state, closed in states):
             continue
-        base, _, direction = name.rpartition(":")
-        ends = next((each.lower, each.upper) for each in topology.links if each.name == base)
-        source, destination = ends if direction == DIRECTIONS[0] else ends[::-1]
-        kind, _, node = base.partition(":")
-        found.append(Directed(name, number, source, destination, f"{kind[:4]}-{node}-{direction}", states, always))
+        kind, node, direction = name.split(":")
+        device = f"{kind[:4]}-{node}-{direction}"
+        found.append(Directed(name, number, *topology.ends[name], device, states, always))
     return found
 
 

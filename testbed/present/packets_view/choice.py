@@ -73,7 +73,7 @@ def choose(attempts: list[Attempt], choice: Choice) -> list[Chosen]:
     try:
         tables = [load(attempt) for attempt in attempts]
         starts_ns = [_start_ns(attempt, packets) for attempt, packets in zip(attempts, tables, strict=True)]
-        links = [name for attempt in attempts for link in attempt.topology().links for name in _both_ways(link.name)]
+        links = [name for attempt in attempts for name in attempt.topology().ends]
     except ResultsError as error:
         raise UserError(str(error)) from error
     if choice.link is not None and not any(_is_below(link, choice.link) for link in links):
@@ -126,10 +126,6 @@ def _check_name(option: str, name: str | None, columns: Iterable[pl.Series]) -> 
 
 def _is_same(column: str, name: str) -> pl.Expr:
     return pl.col(column).cast(pl.String).str.to_lowercase() == name.lower()
-
-
-def _both_ways(link: str) -> tuple[str, str]:
-    return f"{link}:up", f"{link}:down"
 
 
 def _is_below(link: str, name: str) -> bool:

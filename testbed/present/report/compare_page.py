@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
-from ...fly.results import REPORT, write_text
+from ...fly.results import write_text
 from ...numbers import words
 from ...plan import wording
 from . import compare
 from .compare import Result
 from .figures.compared import compared
-from .figures.draw import WIDE
-from .figures.pdf import pdf
-from .html import environment
+from .figures.files import write_figure
+from .html import environment, path_of_report
 from .message_set import is_message_set
+from .tables import plain_table
 
 
 def print_comparison(first: Result, second: Result, console: Console) -> None:
@@ -30,15 +27,15 @@ def print_comparison(first: Result, second: Result, console: Console) -> None:
         console.print(said, soft_wrap=True, markup=False)
     differing = [c for c in compare.conditions(first, second) if c.differs]
     if differing:
-        table = _table("differs", "", "A", "B")
+        table = plain_table("differs", "", "A", "B")
         for condition in differing:
             table.add_row(condition.name, condition.first or words.NOTHING, condition.second or words.NOTHING)
         console.print(table)
     rows = compare.rows(first, second)
     for protocol in dict.fromkeys(row.protocol for row in rows):
-        table = _table(wording.name_of(protocol), "", "A", "B", "change")
-        for column in table.columns[1:]:
-            column.justify = "right"
+        table = plain_table(wording.name_of(protocol), "")
+        for heading in ("A", "B", "change"):
+            table.add_column(heading, justify="right")
         for row in rows:
             if row.protocol == protocol:
                 said = compare.change(row.change) if row.change is not None else words.NOTHING
@@ -59,7 +56,7 @@ def write_comparison(first: Result, second: Result, target: Path) -> None:
         .get_template("compare.html")
         .render(
             results=[
-                {"name": one.name, "title": compare.title(one), "report": _relative(one, target)}
+                {"name": one.name, "title": compare.title(one), "report": path_of_report(one.series, target)}
                 for one in (first, second)
             ],
             sentences=compare.sentences(first, second),
@@ -75,17 +72,4 @@ def write_comparison(first: Result, second: Result, target: Path) -> None:
     )
     write_text(target, page)
     if figure is not None:
-        target.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
-        target.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))
-
-
-def _relative(one: Result, target: Path) -> str | None:
-    """The path of a result's own report relative to the page; None if it has none."""
-    report = one.series.path / REPORT
-    return Path(os.path.relpath(report, target.parent.resolve())).as_posix() if report.exists() else None
-
-
-def _table(title: str, *columns: str) -> Table:
-    return Table(
-        *columns, title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
-    )
+        write_figure(target, figure)

@@ -198,21 +198,22 @@ class Measured:
 FIGURES = ("delay_ms", "jitter_ms", "rate_bps", "loss")
 
 
+def figures_of_link(entry: Mapping[str, Any]) -> dict[str, Measured]:
+    """A directed link's figures by name, from its entry in `links_measured`; unknown ones are left out."""
+    return {
+        figure: Measured(one.get("configured"), one.get("measured"), one.get("note"))
+        for figure in FIGURES
+        if isinstance(one := entry.get(figure), dict)
+    }
+
+
 def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured]]]]:
     """Each directed link with its figures by protocol and name; empty if nothing was measured."""
     names = {name for attempt in shown.values() for name in attempt["links_measured"]}
-    table = []
-    for name in sorted(names, key=place_of_link):
-        by = {}
-        for protocol, attempt in shown.items():
-            figures = attempt["links_measured"].get(name, {})
-            by[protocol] = {
-                figure: Measured(one.get("configured"), one.get("measured"), one.get("note"))
-                for figure in FIGURES
-                if isinstance(one := figures.get(figure), dict)
-            }
-        table.append((name, by))
-    return table
+    return [
+        (name, {p: figures_of_link(attempt["links_measured"].get(name, {})) for p, attempt in shown.items()})
+        for name in sorted(names, key=place_of_link)
+    ]
 
 
 def sizes_of(shown: Shown) -> list[tuple[str, dict[str, SizeEntry], dict[str, int]]]:

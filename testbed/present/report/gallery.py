@@ -23,10 +23,9 @@ from .figures.flights import Flights, flights
 from .figures.losses import CAUSES, Lost, losses
 from .figures.parts import parts
 from .figures.sizes import BINS, histogram
-from .figures.topology import Link, Quantity, Way, topology
+from .figures.topology import Link, topology
 from .figures.traffic import traffic
 
-PURPOSES = ("command", "result", "state", "sensor", "presence", "upkeep", "acknowledgement", "other")
 SLIPS = frozenset({("scenario-4", "mqttxt")})
 """Sizes printed in the thesis that its own tables contradict."""
 
@@ -127,23 +126,11 @@ def _topology(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str
     measured: dict[str, Any] = {}
     for attempt in shown.values():
         measured = {**attempt["links_measured"], **measured}
+    ways = {name: details.figures_of_link(entry) for name, entry in measured.items()}
     return [
-        Link(name, lower, upper, way_of(measured.get(f"{name}:up")), way_of(measured.get(f"{name}:down")))
+        Link(name, lower, upper, ways.get(f"{name}:up", {}), ways.get(f"{name}:down", {}))
         for name, lower, upper in sorted(links, key=lambda link: place_of_link(link[0]))
     ]
-
-
-def way_of(figures: dict[str, Any] | None) -> Way | None:
-    """A directed link's figures from `calibration.json`; a missing figure is unknown."""
-    if not figures:
-        return None
-    found = []
-    for name in ("delay_ms", "rate_bps", "loss"):
-        one = figures.get(name)
-        found.append(
-            Quantity(one.get("configured"), one.get("measured")) if isinstance(one, dict) else Quantity(None, None)
-        )
-    return Way(*found)
 
 
 def _bins(attempt: AttemptEntry) -> tuple[int, ...]:

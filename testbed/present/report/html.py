@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -108,6 +109,12 @@ def environment() -> jinja2.Environment:
     made.tests["in_folder"] = lambda path, folder: path.startswith(f"{folder}/")
     made.globals |= {"most_rows": MOST_ROWS, "folder": FOLDER}
     return made
+
+
+def path_of_report(series: Series, page: Path) -> str | None:
+    """The path of a series' own report relative to another page; None if it has none."""
+    report = series.path / REPORT
+    return Path(os.path.relpath(report, page.parent.resolve())).as_posix() if report.exists() else None
 
 
 def _links(series: Series) -> list[tuple[str, str, str]]:

@@ -8,7 +8,7 @@ from ...numbers.written import Metrics
 from . import details, message_set
 from .comparison import completed
 from .figures.figure import Figure
-from .figures.kind_delays import kind_delays, series_of
+from .figures.kind_delays import delays_of, kind_delays
 from .figures.kind_ratios import PANELS, Ratio, kind_ratios
 from .figures.kind_sizes import counts_of, kind_sizes
 from .gallery import Seen, of_links, of_traffic
@@ -23,7 +23,7 @@ def figures_of(
     made = [
         of_links(metrics, shown, links),
         kind_ratios(_ratios(metrics)),
-        kind_delays(series_of(done, order)),
+        kind_delays(delays_of(done, order)),
         kind_sizes(counts_of(done, order)),
         *of_traffic(shown, seen),
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -11,6 +10,7 @@ from ...numbers.written import Metrics
 from ...plan import wording
 from . import message_sentences
 from .message_set import Row, rows, totals
+from .tables import plain_table
 
 
 def print_kinds(metrics: Metrics, console: Console) -> None:
@@ -73,6 +73,6 @@ def _times(ratio: float | None) -> str:
 
 
 def _table(title: str) -> Table:
-    made = Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    made = plain_table(title)
     made.add_column("", no_wrap=True)
     return made

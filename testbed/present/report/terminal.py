@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -20,6 +19,7 @@ from ...plan import wording
 from . import comparison, details, factors, message_set, readings, sentences, thesis_rows
 from .attempt_page import with_losses
 from .message_terminal import print_kinds
+from .tables import plain_table
 
 MOST_STREAMS = 8
 ROOM_FOR_BOTH = 105
@@ -55,16 +55,10 @@ def print_summary(series: Series, metrics: Metrics, console: Console) -> None:
         _print_mavlink(shown["mavlink"], console)
 
 
-def _table(title: str) -> Table:
-    """A table without a box around it, so that it fits 80 columns."""
-    return Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
-
-
 def comparison_table(metrics: Metrics) -> Table:
     """A row per metric, a column per protocol, and the ratio of the two."""
     sides = [protocol for protocol, _ in words.sides(metrics)]
-    table = _table(f"arm {metrics['arm']}, profile {metrics['profile']}")
-    table.add_column("")
+    table = plain_table(f"arm {metrics['arm']}, profile {metrics['profile']}", "")
     for protocol in sides:
         table.add_column(wording.name_of(protocol), justify="right")
     if len(sides) > 1:
@@ -79,8 +73,7 @@ def comparison_table(metrics: Metrics) -> Table:
 def thesis_table(metrics: Metrics) -> Table:
     """Means here and the thesis's, a row per metric; the caveats on the thesis's figures are on the page."""
     rows = thesis_rows.rows(metrics)
-    table = _table("means here, and the thesis's (the report says what to know)")
-    table.add_column("")
+    table = plain_table("means here, and the thesis's (the report says what to know)", "")
     for protocol in rows[0].cells:
         table.add_column(wording.name_of(protocol), justify="right")
         table.add_column("thesis", justify="right")
@@ -95,8 +88,7 @@ def thesis_table(metrics: Metrics) -> Table:
 
 def measured_table(shown: details.Shown) -> Table:
     """Links by class and direction: configured figures, and the least and greatest measured, over both protocols."""
-    table = _table("links as configured, and as measured")
-    table.add_column("link")
+    table = plain_table("links as configured, and as measured", "link")
     for heading in ("delay", "measured", "rate", "measured", "loss", "measured"):
         table.add_column(heading, justify="right")
     kinds: dict[str, list[dict[str, details.Measured]]] = {}
@@ -131,9 +123,7 @@ def _span(values: list[float | None], text: Callable[[float], str]) -> str:
 
 def attempts_table(metrics: Metrics) -> Table:
     """A row per attempt; failed ones are included, void ones are listed without figures."""
-    table = _table("attempts")
-    for heading in ("protocol", "attempt", "status"):
-        table.add_column(heading)
+    table = plain_table("attempts", "protocol", "attempt", "status")
     for quantity in OF_ATTEMPT:
         table.add_column(quantity.name, justify="right")
     for protocol, side in words.sides(metrics):
@@ -149,8 +139,7 @@ def attempts_table(metrics: Metrics) -> Table:
 def links_table(shown: details.Shown) -> Table:
     """Packets and bytes up and down each link, for both sides."""
     numbers = ", ".join(f"{wording.name_of(protocol)} attempt {one['attempt']}" for protocol, one in shown.items())
-    table = _table(f"links, up (towards the cloud) / down: {numbers}")
-    table.add_column("link")
+    table = plain_table(f"links, up (towards the cloud) / down: {numbers}", "link")
     for protocol in shown:
         for heading in ("packets", "bytes", "lost"):
             table.add_column(f"{wording.name_of(protocol)}\n{heading}", justify="right")
@@ -166,8 +155,7 @@ def links_table(shown: details.Shown) -> Table:
 
 def mix_table(mix: details.Mix) -> Table:
     """The drones' streams over MAVLink, largest first."""
-    table = _table("what the drones send over MAVLink")
-    table.add_column("message")
+    table = plain_table("what the drones send over MAVLink", "message")
     for heading in ("count", "Hz per drone", "bytes", "mean size", "share"):
         table.add_column(heading, justify="right")
     for stream in mix["streams"][:MOST_STREAMS]:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...fly.results import REPORT, write_text
+from ...fly.results import write_text
 from ...numbers import words
 from ...numbers.quantities import ratios as ratios_of
 from ...plan import wording
 from ...plan.experiments import MESSAGES
 from ..report.comparison import completion
-from ..report.figures.draw import WIDE
-from ..report.figures.pdf import pdf
-from ..report.html import environment
+from ..report.figures.files import write_figure
+from ..report.html import environment, path_of_report
 from . import claims, kinds, numbers, traffic
 from .cells import Cell, Found
 from .figure import ratios
@@ -52,7 +50,7 @@ def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -
             readings={"numbers": numbers.READING, "claims": claims.READING, "bytes": traffic.READING},
             completed=numbers.completed_of,
             machines=any(cell.machine for cell in found.cells),
-            report=lambda cell: _report(cell, target),
+            report=lambda cell: path_of_report(cell.series, target),
             beside=target.stem,
             unread=found.unread,
         )
@@ -60,9 +58,7 @@ def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -
     target.parent.mkdir(parents=True, exist_ok=True)
     write_text(target, page)
     for figure in figures.values():
-        base = target.with_name(f"{target.stem}-{figure.name}")
-        base.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
-        base.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))
+        write_figure(target.with_name(f"{target.stem}-{figure.name}"), figure)
 
 
 def finding(cells: Sequence[Cell]) -> str:
@@ -87,8 +83,3 @@ def finding(cells: Sequence[Cell]) -> str:
 def _span(ratios: list[float]) -> str:
     least, most = words.ratio(min(ratios)), words.ratio(max(ratios))
     return least if least == most else f"{least} to {most}"
-
-
-def _report(cell: Cell, target: Path) -> str | None:
-    report = cell.series.path / REPORT
-    return Path(os.path.relpath(report, target.parent.resolve())).as_posix() if report.exists() else None

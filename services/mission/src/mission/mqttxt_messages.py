@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from pathlib import Path
 
 from mqttxt import Arm, Armed, Command, Drone, Land, MqttxtError, Offboard, StateUpdate, Stream, Takeoff, Velocity, Word
 
-from .events import EventLog
 from .fleet import MissionError, Result, Told
 from .message_set import HOVER_M
 from .mqttxt_fleet import FIVE_STATES, FIVE_STATES_HZ, MqttxtFleet, as_goto, plain
@@ -27,22 +25,12 @@ class MqttxtMessageFleet(MqttxtFleet):
     """One drone of one fog, for the message set."""
 
     tells_faster = False
+    _following: asyncio.Task[None] | None = None
+    _telling: asyncio.Task[None] | None = None
 
-    def __init__(
-        self,
-        cloud: str,
-        fogs: dict[int, tuple[int, ...]],
-        qos: int,
-        log: EventLog,
-        states: str = "on-change",
-        identity: Path | None = None,
-        signed: bool = False,
-    ) -> None:
-        super().__init__(cloud, fogs, qos, log, states, identity, signed)
-        self._number = self.drones[0]
-        self._following: asyncio.Task[None] | None = None
-        self._told: asyncio.Queue[Told] = asyncio.Queue()
-        self._telling: asyncio.Task[None] | None = None
+    @property
+    def _number(self) -> int:
+        return self.drones[0]
 
     async def close(self) -> None:
         try:
@@ -84,10 +72,10 @@ class MqttxtMessageFleet(MqttxtFleet):
 
     async def request_state(self, name: str) -> asyncio.Queue[Told]:
         await _end(self._telling)
-        self._told = asyncio.Queue()
-        self._telling = asyncio.create_task(self._take(name, self._told))
+        told: asyncio.Queue[Told] = asyncio.Queue()
+        self._telling = asyncio.create_task(self._take(name, told))
         await self._ask_rate(name, FIVE_STATES_HZ)
-        return self._told
+        return told
 
     async def stop_state(self, name: str) -> None:
         await _end(self._telling)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from .dynamics import Energy, Motion
+from .dynamics import Energy, Motion, Place
 from .guidance import Guidance
 from .logs import Logs
 from .mission import MissionFlight
@@ -39,18 +39,19 @@ class Autopilot(ABC):
     speed up, and a landing after `grounded_s` on the ground.
     """
 
+    guided_by: ClassVar[type[Guidance]]
     rest: ClassVar[FlightMode]
     unlanded_s: ClassVar[float]
     grounded_s: ClassVar[float]
 
-    def __init__(self, system_id: int, battery: Energy, guidance: Guidance) -> None:
+    def __init__(self, system_id: int, home: Place, battery: Energy, parameters: Parameters) -> None:
         self.system_id = system_id
-        self.parameters: Parameters = guidance.parameters
+        self.parameters = parameters
         self.battery = battery
-        self.guidance = guidance
+        self.guidance = self.guided_by(home, parameters)
         self.plans = Plans()
         self.logs = Logs()
-        self.mission = MissionFlight(self.plans, guidance)
+        self.mission = MissionFlight(self.plans, self.guidance)
         self.mode = self.rest
         self.armed = False
         self.healthy = True
@@ -63,6 +64,8 @@ class Autopilot(ABC):
         self._lift_s: float | None = None
         """When the motors began to speed up for a flight, s; None on the ground before one."""
         self._flown = False
+        self._takes_off = False
+        """Whether it climbs from the ground to the height of a takeoff."""
         self._out: list[Output] = []
 
     @property
@@ -70,9 +73,13 @@ class Autopilot(ABC):
         return self.guidance.motion
 
     @property
-    @abstractmethod
     def landed_state(self) -> int:
         """MAV_LANDED_STATE."""
+        if self.landed:
+            return ON_GROUND
+        if self._is_landing():
+            return LANDING
+        return TAKEOFF if self._takes_off else IN_AIR
 
     @property
     @abstractmethod
@@ -104,6 +111,10 @@ class Autopilot(ABC):
     @abstractmethod
     def _wants_up(self) -> bool:
         """Whether the mode, or its target, leads upwards from the ground."""
+
+    @abstractmethod
+    def _is_landing(self) -> bool:
+        """Whether it descends to land."""
 
     @abstractmethod
     def _disarm_when_due(self) -> None:

@@ -17,6 +17,11 @@ class Guidance:
         self.motion = Motion()
         self.target: Vector = (0.0, 0.0, 0.0)
         self.set_point: SetPoint | None = None
+        self.lands = False
+        """Whether a return has begun its landing."""
+        self.cruise_m_s: float | None = None
+        """The speed that a mission has set; None: the autopilot's own."""
+        self._return_up_m = 0.0
 
     @property
     def place(self) -> Place:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
+
+if TYPE_CHECKING:
+    from .autopilot import Autopilot
 
 DATA_BYTES = 90
 AT_ONCE = 40
@@ -44,10 +46,9 @@ class LogLink(ABC):
 
     first: ClassVar[int]
 
-    def __init__(self, logs: Logs, is_armed: Callable[[], bool], say: Callable[[str], None]) -> None:
-        self._logs = logs
-        self._is_armed = is_armed
-        self._say = say
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+        self._logs = autopilot.logs
         self._entries: list[int] = []
         self._sent: Log | None = None
         self._number = self._offset = self._end = 0

@@ -11,9 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from .dynamics import Vector
 from .guidance import Guidance
 from .outputs import Happened, Output, Reply
-from .plans import Item, Plans
-
-_ABOVE_HOME = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+from .plans import ABOVE_HOME, Item, Plans
 
 
 class Leg(Enum):
@@ -134,5 +132,5 @@ class MissionFlight:
             north, east = self.guidance.origin.metres_to(item.x / 1e7, item.y / 1e7)
         if not math.isfinite(item.z):
             return north, east, here
-        base = self.guidance.home_up_m if item.frame in _ABOVE_HOME else -self.guidance.origin.altitude_m
+        base = self.guidance.home_up_m if item.frame in ABOVE_HOME else -self.guidance.origin.altitude_m
         return north, east, item.z + base

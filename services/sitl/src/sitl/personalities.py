@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from .ardupilot.personality import ARDUCOPTER
 from .personality import Personality
 from .px4.personality import PX4
 
-PERSONALITIES: dict[str, Personality[Any]] = {kind.name: kind for kind in (PX4, ARDUCOPTER)}
+PERSONALITIES: dict[str, Personality] = {kind.name: kind for kind in (PX4, ARDUCOPTER)}

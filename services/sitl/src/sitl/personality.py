@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -17,10 +17,8 @@ from .parameters import Parameters
 from .plan_link import PlanLink
 from .telemetry import Telemetry
 
-Own = TypeVar("Own", bound=Autopilot)
 
-
-class Personality(ABC, Generic[Own]):
+class Personality(ABC):
     """One kind of autopilot. It has no state; the objects that it makes for a drone do.
 
     `title` is its name for people; `release` and `capabilities` are AUTOPILOT_VERSION's. `silent` are messages whose
@@ -28,6 +26,9 @@ class Personality(ABC, Generic[Own]):
     `no_interval_told` and `no_message` are the results of setting its interval, of reading it, and of requesting the
     message. `tells_modes_at_once`: it reports a change of mode by an additional heartbeat. `answers_pings`: it answers
     PING. `unsigned` are the messages that it accepts without a signature although it has a key.
+
+    A drone's `autopilot` and `telemetry` are made of these classes, and for each of its links a `plan_link` and a
+    `log_link`.
     """
 
     name: ClassVar[str]
@@ -50,6 +51,10 @@ class Personality(ABC, Generic[Own]):
     tells_modes_at_once: ClassVar[bool]
     answers_pings: ClassVar[bool]
     unsigned: ClassVar[frozenset[int]]
+    autopilot: ClassVar[type[Autopilot]]
+    telemetry: ClassVar[type[Telemetry]]
+    plan_link: ClassVar[type[PlanLink]]
+    log_link: ClassVar[type[LogLink]]
 
     @abstractmethod
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
@@ -63,22 +68,7 @@ class Personality(ABC, Generic[Own]):
     def battery(self, parameters: Parameters) -> Energy:
         """Make the battery of its own simulation, for a drone whose battery the fleet does not name."""
 
+    @staticmethod
     @abstractmethod
-    def autopilot(self, config: DroneConfig, battery: Energy, parameters: Parameters) -> Own:
-        """Make a drone's autopilot."""
-
-    @abstractmethod
-    def telemetry(self, autopilot: Own, seed: int, *, quiet: bool) -> Telemetry:
-        """Make the telemetry of an autopilot."""
-
-    @abstractmethod
-    def plan_link(self, autopilot: Own) -> PlanLink:
-        """Make the mission protocol of one more link."""
-
-    @abstractmethod
-    def log_link(self, autopilot: Own) -> LogLink:
-        """Make the log protocol of one more link."""
-
-    @abstractmethod
-    def handle(self, autopilot: Own, message: Any) -> list[Output]:
+    def handle(autopilot: Any, message: Any) -> list[Output]:
         """Carry out a command, a mode change or a set-point that is for this system; others have no answer."""

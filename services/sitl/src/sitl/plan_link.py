@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from .plans import Item, Partner, Plans
+from .autopilot import Autopilot
+from .plans import Item, Partner
 
 ACCEPTED, ERROR = int(mavlink.MAV_MISSION_ACCEPTED), int(mavlink.MAV_MISSION_ERROR)
 UNSUPPORTED, WRONG_FRAME = int(mavlink.MAV_MISSION_UNSUPPORTED), int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
@@ -47,9 +48,10 @@ class PlanLink(ABC):
     gives_up_s: ClassVar[float]
     most: ClassVar[Mapping[int, int]]
 
-    def __init__(self, plans: Plans, say: Callable[[str], None]) -> None:
-        self._plans = plans
-        self._say = say
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+        self._plans = autopilot.plans
+        self._say = autopilot.say
         self._upload: Upload | None = None
 
     def answer(self, message: Any, now_s: float) -> list[Any]:

@@ -11,6 +11,9 @@ MISSION = int(mavlink.MAV_MISSION_TYPE_MISSION)
 FENCE = int(mavlink.MAV_MISSION_TYPE_FENCE)
 RALLY = int(mavlink.MAV_MISSION_TYPE_RALLY)
 LISTS = (MISSION, FENCE, RALLY)
+ABOVE_SEA = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
+ABOVE_HOME = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+"""The frames of a place by what its height counts from; the second of each is COMMAND_INT's."""
 Partner = tuple[int, int]
 """System and component id of the other end of a transfer."""
 

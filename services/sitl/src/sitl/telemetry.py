@@ -217,6 +217,25 @@ class Telemetry:
         battery = self._ap.battery
         return round(100 * battery.power_w / battery.voltage_v)
 
+    def _status(self, present: int, enabled: int, health: int, load: int, **extended: int) -> Any:
+        """SYS_STATUS without errors of links and sensors."""
+        return mavlink.MAVLink_sys_status_message(
+            onboard_control_sensors_present=present,
+            onboard_control_sensors_enabled=enabled,
+            onboard_control_sensors_health=health,
+            load=load,
+            voltage_battery=round(self._voltage_v() * 1000),
+            current_battery=self._current_ca(),
+            battery_remaining=round(self._ap.battery.remaining_pct),
+            drop_rate_comm=0,
+            errors_comm=0,
+            errors_count1=0,
+            errors_count2=0,
+            errors_count3=0,
+            errors_count4=0,
+            **extended,
+        )
+
     def _extended(self) -> Any:
         return mavlink.MAVLink_extended_sys_state_message(0, self._ap.landed_state)
 

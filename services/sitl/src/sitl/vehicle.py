@@ -30,13 +30,12 @@ _FTP_NAK, _FTP_FILE_NOT_FOUND = 129, 10
 class Vehicle:
     """A vehicle and the streams of its links, by link number."""
 
-    def __init__(
-        self, config: DroneConfig, stream_sets: list[str], seed: int = 1, like: Personality[Any] = PX4
-    ) -> None:
+    def __init__(self, config: DroneConfig, stream_sets: list[str], seed: int = 1, like: Personality = PX4) -> None:
         self.config = config
         self.like = like
         parameters = like.parameters(config)
-        self.autopilot = like.autopilot(config, _battery(config, like, parameters), parameters)
+        battery = _battery(config, like, parameters)
+        self.autopilot = like.autopilot(config.system_id, config.home, battery, parameters)
         self.telemetry = like.telemetry(self.autopilot, seed * 1000 + config.system_id, quiet=config.quiet)
         self.links = [Streams(like.rates_hz(chosen), like.silent) for chosen in stream_sets]
         self._plan_links = [like.plan_link(self.autopilot) for _ in stream_sets]
@@ -175,7 +174,7 @@ _REQUESTS = frozenset(
 )
 
 
-def _battery(config: DroneConfig, like: Personality[Any], parameters: Parameters) -> Energy:
+def _battery(config: DroneConfig, like: Personality, parameters: Parameters) -> Energy:
     """A battery of the fleet's capacity, so that rankings differ; else that of the kind's own simulation."""
     if config.capacity_wh is not None:
         return Battery(config.capacity_wh, config.capacity_wh * config.charge_pct / 100)

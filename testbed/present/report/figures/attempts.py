@@ -58,7 +58,7 @@ def _draw_missions(sides: dict[str, list[Mission]], times: Times, printed: dict[
     left, top, high = 46.0, 44.0, 170.0
     right = width - (150 if width > 600 else 84)
     drawing = Drawing(width, top + high + 40)
-    legend(drawing, list(sides), 0, 13)
+    legend(drawing, list(sides))
     longest = max([value for one in times.values() for value in one.points] + list(printed.values()))
     up = Scale(0, longest * 1.06, top + high, top)
     side(drawing, up, steps(longest, lambda v: f"{v:g} s", 5), left, right)
@@ -142,7 +142,7 @@ def _draw_scenarios(packets: Scenarios, sizes: Scenarios, slips: frozenset[tuple
     panels = (("packets", packets, words.short, frozenset[tuple[str, str]]()), ("bytes", sizes, words.tick_size, slips))
     drawing = Drawing(width, (top + high + 26) * (2 if narrow else 1) + (0 if narrow else 4))
     protocols = dict.fromkeys(p for by in packets.values() for p in by)
-    legend(drawing, list(protocols), 0, 13)
+    legend(drawing, list(protocols))
     wide = width - left - 14 if narrow else (width - left - gap - 14) / 2
     for number, (title, by_scenario, name, struck) in enumerate(panels):
         x = left if narrow else left + number * (wide + gap)

@@ -62,13 +62,13 @@ def clock(most_s: float, count: int = 8) -> list[Tick]:
     return [(float(t), f"{t} s") for t in range(0, int(most_s) + 1, step)]
 
 
-def legend(drawing: Drawing, protocols: Sequence[str], x: float, y: float) -> float:
-    """Draw mark and name of each side on one line with baseline `y`; returns its right end."""
+def legend(drawing: Drawing, protocols: Sequence[str]) -> None:
+    """Draw mark and name of each side on a line at the top."""
+    x, y = 0.0, 13.0
     for protocol in protocols:
         drawing.dot((x + 4, y - 4), protocol, 3.6)
         drawing.text(x + 13, y, wording.name_of(protocol), protocol, bold=True)
         x += 13 + width_of(wording.name_of(protocol)) + 22
-    return x
 
 
 def shade_legend(drawing: Drawing, shades: Mapping[str, str], y: float = 0.0) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from ....numbers import words
 from ....numbers.attempt_entry import AttemptEntry
@@ -18,31 +17,23 @@ LEAST_MS = 0.01
 
 @dataclass(frozen=True)
 class Delays:
-    """One command's one-way delays on one side, in order, with the attempt of each; milliseconds."""
+    """One kind's one-way delays on one side, in order, with the attempt of each; milliseconds, None: lost."""
 
-    values: tuple[float, ...]
+    values: tuple[float | None, ...]
     attempts: tuple[int, ...]
-    by_application: tuple[float, ...]
+    by_application: tuple[float, ...] = ()
     """From the call to the callback, as measured by the applications."""
+
+    @property
+    def arrived(self) -> list[float]:
+        return sorted(value for value in self.values if value is not None)
 
 
 Kinds = dict[str, dict[str, Delays]]
-"""By command and protocol."""
+"""By command, or kind of message, and protocol."""
 
 
-class Numbered(Protocol):
-    """Values in order, milliseconds or None, with the attempt of each."""
-
-    @property
-    def values(self) -> tuple[float | None, ...]: ...
-
-    @property
-    def attempts(self) -> tuple[int, ...]: ...
-
-
-def rows_by_number(
-    kinds: Mapping[str, Mapping[str, Numbered]],
-) -> tuple[tuple[str, str, int, int, float | None], ...]:
+def rows_by_number(kinds: Kinds) -> tuple[tuple[str, str, int, int, float | None], ...]:
     """The rows of a figure's data: kind, protocol, attempt, the value's number over all attempts, and the value."""
     return tuple(
         (name, protocol, attempt, number, value)
@@ -106,8 +97,8 @@ def distribution(kinds: Kinds) -> Figure | None:
             (name, protocol, by, value, round((place + 1) / len(values), 6))
             for name, sides in kinds.items()
             for protocol, one in sides.items()
-            for by, values in (("capture", one.values), ("application", one.by_application))
-            for place, value in enumerate(sorted(values))
+            for by, values in (("capture", one.arrived), ("application", sorted(one.by_application)))
+            for place, value in enumerate(values)
         ),
         sources=("pcap", "events.jsonl"),
     )
@@ -118,15 +109,14 @@ def draw_shares(kinds: Kinds, width: float) -> Drawing:
     return _panels(kinds, width, _draw_shares, 130)
 
 
-def medians(kinds: Mapping[str, Mapping[str, Numbered]]) -> str:
+def medians(kinds: Kinds) -> str:
     """'arm: median 3.00 ms over MQTT-XT and 1.00 ms over MAVLink; land: …'."""
     parts = []
     for name, by in kinds.items():
-        arrived = {p: sorted(value for value in one.values if value is not None) for p, one in by.items()}
         each = [
-            f"{words.milliseconds(quantile(values, 0.5))} over {wording.name_of(p)}"
-            for p, values in arrived.items()
-            if values
+            f"{words.milliseconds(quantile(one.arrived, 0.5))} over {wording.name_of(p)}"
+            for p, one in by.items()
+            if one.arrived
         ]
         parts.append(f"{name}: median {' and '.join(each)}")
     return f"{'; '.join(parts)}."
@@ -151,8 +141,8 @@ def _panels(
     left, gap, top, tall = 52.0, 32.0, 44.0, high + 52
     drawing = Drawing(width, top + rows * tall - 14)
     protocols = dict.fromkeys(protocol for by in kinds.values() for protocol in by)
-    legend(drawing, [p for p in wording.PROTOCOL_NAMES if p in protocols], 0, 13)
-    values = [ms for by in kinds.values() for one in by.values() for ms in (*one.values, *one.by_application)]
+    legend(drawing, [p for p in wording.PROTOCOL_NAMES if p in protocols])
+    values = [ms for by in kinds.values() for one in by.values() for ms in (*one.arrived, *one.by_application)]
     low, most = log_bounds(values, LEAST_MS)
     wide = (width - left - (columns - 1) * gap - 4) / columns
     for place, (name, by) in enumerate(kinds.items()):
@@ -181,24 +171,25 @@ def _draw_numbers(drawing: Drawing, by: dict[str, Delays], across: Scale, up: Sc
     for order, (protocol, one) in enumerate(by.items()):
         for number, (value, attempt) in enumerate(zip(one.values, one.attempts, strict=True), 1):
             tip = f"{wording.name_of(protocol)}, message {number} (attempt {attempt}): {words.milliseconds(value)}"
-            drawing.dot((across(number), up(value)), protocol, 2.6 if len(one.values) > 40 else 3.2, tip=tip)
+            if value is not None:
+                drawing.dot((across(number), up(value)), protocol, 2.6 if len(one.values) > 40 else 3.2, tip=tip)
             if order == 0 and number > 1 and attempt != one.attempts[number - 2]:
                 x = across(number - 0.5)
                 drawing.line((x, up(up.least)), (x, up(up.most)), "faint", 0.8, dashed=True)
-        middle_half(drawing, across.end + 12 + 14 * order, up, sorted(one.values), protocol, wording.name_of(protocol))
+        middle_half(drawing, across.end + 12 + 14 * order, up, one.arrived, protocol, wording.name_of(protocol))
 
 
 def _draw_shares(drawing: Drawing, by: dict[str, Delays], across: Scale, up: Scale) -> None:
     for protocol, one in by.items():
-        _stairs(drawing, one.by_application, protocol, across, up, thin=True)
-        _stairs(drawing, one.values, protocol, across, up)
+        _stairs(drawing, sorted(one.by_application), protocol, across, up, thin=True)
+        _stairs(drawing, one.arrived, protocol, across, up)
 
 
 def _stairs(
-    drawing: Drawing, values: tuple[float, ...], protocol: str, across: Scale, up: Scale, thin: bool = False
+    drawing: Drawing, values: Sequence[float], protocol: str, across: Scale, up: Scale, thin: bool = False
 ) -> None:
     points, share = [(across.start, up(0))], 0.0
-    for place, value in enumerate(sorted(values), 1):
+    for place, value in enumerate(values, 1):
         points.append((across(value), up(share)))
         share = place / len(values)
         points.append((across(value), up(share)))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ....numbers import words
 from ....numbers.attempt_entry import AttemptEntry
 from ....plan import wording
 from .axes import Scale, decades, log_bounds, quantile, side
-from .delays import LEAST_MS, medians, middle_half, rows_by_number
+from .delays import LEAST_MS, Delays, Kinds, medians, middle_half, rows_by_number
 from .draw import TEXT, Drawing, Point, width_of
 from .figure import Figure
 from .panels import Panel, begin, lay_out
@@ -24,23 +22,7 @@ _STRIP = 7.0
 _LOST_NOTE = " A cross on top is a message that never arrived; of a group a bar, the darker the more of it were lost."
 
 
-@dataclass(frozen=True)
-class Series:
-    """One kind's one-way delays on one side, in order, with the attempt of each; None: lost."""
-
-    values: tuple[float | None, ...]
-    attempts: tuple[int, ...]
-
-    @property
-    def arrived(self) -> list[float]:
-        return sorted(value for value in self.values if value is not None)
-
-
-Kinds = dict[str, dict[str, Series]]
-"""By kind and protocol."""
-
-
-def series_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> Kinds:
+def delays_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> Kinds:
     """Collect the delays of each side's completed attempts, kinds in the given order."""
     found: Kinds = {}
     for name in order:
@@ -53,7 +35,7 @@ def series_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) 
             ]
             if told:
                 values, numbers = zip(*told, strict=True)
-                found.setdefault(name, {})[protocol] = Series(values, numbers)
+                found.setdefault(name, {})[protocol] = Delays(values, numbers)
     return found
 
 
@@ -101,7 +83,7 @@ def _draw(kinds: Kinds, width: float) -> Drawing:
     return drawing
 
 
-def _count(drawing: Drawing, panel: Panel, by: dict[str, Series]) -> None:
+def _count(drawing: Drawing, panel: Panel, by: dict[str, Delays]) -> None:
     """Write the number of messages, and of lost ones, below the panel: a line per side if any was lost."""
     lost = {protocol: one.values.count(None) for protocol, one in by.items()}
     x, y = panel.x, panel.y + panel.high + TEXT + 5
@@ -114,7 +96,7 @@ def _count(drawing: Drawing, panel: Panel, by: dict[str, Series]) -> None:
             x += 12 + width_of(said, TEXT - 1)
 
 
-def _draw_side(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: Scale, order: int) -> None:
+def _draw_side(drawing: Drawing, panel: Panel, protocol: str, one: Delays, up: Scale, order: int) -> None:
     across = Scale(0, len(one.values) + 1, panel.x, panel.x + panel.wide - 30)
     lost_y = panel.y + 2 + _STRIP * order
     if len(one.values) <= MOST_DOTS:
@@ -132,7 +114,7 @@ def _draw_side(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: S
         middle_half(drawing, across.end + 10 + 13 * order, up, one.arrived, protocol, about)
 
 
-def _draw_groups(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: Scale, lost_y: float) -> None:
+def _draw_groups(drawing: Drawing, panel: Panel, protocol: str, one: Delays, up: Scale, lost_y: float) -> None:
     across = Scale(0, GROUPS, panel.x + 2, panel.x + panel.wide - 32)
     wide = across(1) - across(0)
     for group in range(GROUPS):

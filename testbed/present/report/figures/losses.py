@@ -98,7 +98,7 @@ def _draw(sides: Links, names: list[str], causes: list[str], width: float) -> Dr
     shades = {CAUSES[cause]: _SHADES[cause] for cause in causes}
     top = 30.0 + 20 * lines_of(shades, width)
     drawing = Drawing(width, top + row * len(names) + 22)
-    legend(drawing, list(sides), 0, 13)
+    legend(drawing, list(sides))
     shade_legend(drawing, shades, 20)
     most = max(links[name].share for links in sides.values() for name in names if name in links)
     room = width_of("100 % (10,000 of 100,000)" if width > 600 else "0 of 10,000", TEXT - 1)

@@ -44,7 +44,7 @@ def begin(panels: Sequence[Panel], protocols: Sequence[str], width: float, below
     """A drawing as tall as the panels need, with the legend on top and each panel's name above it."""
     last = panels[-1]
     drawing = Drawing(width, last.y + last.high + below - 16)
-    legend(drawing, protocols, 0, 13)
+    legend(drawing, protocols)
     for panel in panels:
         drawing.text(panel.x, panel.y - 8, panel.name, "ink", bold=True)
     return drawing

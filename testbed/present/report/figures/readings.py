@@ -83,7 +83,7 @@ def delays(sides: Sides) -> Figure | None:
         for p, side in sides.items():
             known = tuple(ms for one in side.measured if (ms := getattr(one, of)) is not None)
             if known:
-                kinds.setdefault(title, {})[p] = Delays(known, (1,) * len(known), ())
+                kinds.setdefault(title, {})[p] = Delays(known, (1,) * len(known))
     if not kinds:
         return None
     return Figure(
@@ -103,7 +103,7 @@ def delays(sides: Sides) -> Figure | None:
             (title, p, ms, round((place + 1) / len(one.values), 6))
             for title, by in kinds.items()
             for p, one in by.items()
-            for place, ms in enumerate(sorted(one.values))
+            for place, ms in enumerate(one.arrived)
         ),
         sources=("sensors", "events.jsonl", "pcap"),
     )
@@ -128,7 +128,7 @@ def _draw(sides: Sides, panels: list[_Panel], width: float) -> Drawing:
     wide = (width - left - gap * (columns - 1)) / columns
     group = len(kinds) * (high + between) + 42
     drawing = Drawing(width, top + group * len(groups))
-    legend(drawing, list(sides), 0, 13)
+    legend(drawing, list(sides))
     times = [side.measured_s(one) for side in sides.values() for one in side.measured]
     for number, beside in enumerate(groups):
         y = top + number * group + 16 + between

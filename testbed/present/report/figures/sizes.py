@@ -47,7 +47,7 @@ def _draw(counts: dict[str, tuple[int, ...]], places: list[int], sums: dict[str,
     bar, left, top = 13.0, 84.0, 26.0
     row = len(counts) * (bar + 2) + 12
     drawing = Drawing(width, top + row * len(places) + 2)
-    legend(drawing, list(counts), 0, 13)
+    legend(drawing, list(counts))
     most = max(by_bin[place] / sums[p] for p, by_bin in counts.items() if sums[p] for place in places)
     room = width_of("1,000,000 (100 %)")
     share = Scale(0, most, left, width - room)

@@ -2,42 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ....numbers import words
 from ....plan import wording
+from ..details import Measured
 from .draw import TEXT, Drawing
 from .figure import Figure, Value
 
 _SMALL = TEXT - 1.5
+_WRITTEN = {"delay_ms": words.short_delay, "rate_bps": words.bit_rate, "loss": words.share}
+"""The figures on a link, and how each is written."""
 
-
-@dataclass(frozen=True)
-class Quantity:
-    """A figure of a directed link, configured and measured; None: unlimited or not measured."""
-
-    configured: float | None
-    measured: float | None
-
-
-@dataclass(frozen=True)
-class Way:
-    """One direction of a link: delay in milliseconds, rate in bits per second, loss as a share."""
-
-    delay_ms: Quantity
-    rate_bps: Quantity
-    loss: Quantity
+Way = Mapping[str, Measured]
+"""One direction of a link: its known figures by name."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link from its lower to its upper node, and its two directions, None if nothing is known of one."""
+    """A link from its lower to its upper node, and its two directions."""
 
     name: str
     lower: str
     upper: str
-    up: Way | None
-    down: Way | None
+    up: Way
+    down: Way
 
 
 def topology(links: list[Link], profile: str, shaper: str) -> Figure | None:
@@ -63,37 +53,27 @@ def topology(links: list[Link], profile: str, shaper: str) -> Figure | None:
             )
         ),
         draw=lambda width: _draw_list(links, measured, width) if width < 600 else _draw_tree(links, measured, width),
-        header=("link", "way", "from", "to", *(f"{n}_{k}" for n in _QUANTITIES for k in ("configured", "measured"))),
+        header=("link", "way", "from", "to", *(f"{n}_{k}" for n in _WRITTEN for k in ("configured", "measured"))),
         rows=tuple(row for link in links for row in _rows(link)),
         sources=("links", "manifest.json"),
     )
 
 
-_QUANTITIES = ("delay_ms", "rate_bps", "loss")
-
-
 def _rows(link: Link) -> list[tuple[Value, ...]]:
     rows: list[tuple[Value, ...]] = []
     ends = ((link.lower, link.upper), (link.upper, link.lower))
-    for name, way, (start, end) in zip(("up", "down"), (link.up, link.down), ends, strict=True):
+    for direction, way, (start, end) in zip(("up", "down"), (link.up, link.down), ends, strict=True):
         figures: list[Value] = []
-        for quantity in _QUANTITIES:
-            found: Quantity | None = getattr(way, quantity) if way else None
-            figures += [found.configured, found.measured] if found else [None, None]
-        rows.append((link.name, name, start, end, *figures))
+        for name in _WRITTEN:
+            figures += [way[name].configured, way[name].measured] if name in way else [None, None]
+        rows.append((link.name, direction, start, end, *figures))
     return rows
 
 
-def _label(way: Way | None, measured: bool) -> str:
+def _label(way: Way, measured: bool) -> str:
     """'25 ms · 20 Mbit/s · 1 %', without figures that are unknown or zero."""
-    if way is None:
-        return ""
-    said = []
-    for quantity, name in ((way.delay_ms, words.short_delay), (way.rate_bps, words.bit_rate), (way.loss, words.share)):
-        value = quantity.measured if measured else quantity.configured
-        if value:
-            said.append(name(value))
-    return " · ".join(said)
+    known = {name: one.measured if measured else one.configured for name, one in way.items()}
+    return " · ".join(write(value) for name, write in _WRITTEN.items() if (value := known.get(name)))
 
 
 def _children(links: list[Link]) -> dict[str, list[Link]]:
@@ -126,7 +106,7 @@ def _draw_tree(links: list[Link], measured: bool, width: float) -> Drawing:
     leaves = [link.lower for link in order if link.lower not in children]
     for number, leaf in enumerate(leaves):
         heights[leaf] = top + number * row
-    for link in [*reversed(order), Link("", root, "", None, None)]:
+    for link in [*reversed(order), Link("", root, "", {}, {})]:
         below = [heights[child.lower] for child in children.get(link.lower, []) if child is not station]
         if below:
             heights[link.lower] = (min(below) + max(below)) / 2

@@ -68,7 +68,7 @@ def _draw(panels: dict[str, dict[str, tuple[int, ...]]], seconds: dict[str, floa
     rows = -(-len(panels) // columns)
     drawing = Drawing(width, top + rows * tall + 2)
     protocols = dict.fromkeys(protocol for by in panels.values() for protocol in by)
-    legend(drawing, list(protocols), 0, 13)
+    legend(drawing, list(protocols))
     longest = max(len(values) for by in panels.values() for values in by.values())
     low, most = log_bounds([value for by in panels.values() for values in by.values() for value in values], _LEAST)
     low = max(low, _LEAST)

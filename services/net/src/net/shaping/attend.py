@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import subprocess
 import time
@@ -15,7 +14,7 @@ from ..emulator.plan import PlanError, parse_change
 from ..interfaces import NetError
 from . import gates
 from .choice import Choice
-from .journal import HAND, RANGE, Journal
+from .journal import HAND, RANGE, Journal, write_json
 from .run_plan import RunPlan
 from .server import Server
 
@@ -55,9 +54,9 @@ class Attendant:
         self._open: dict[str, bool] = {}
         checked: Mapping[str, Any] = {} if self._links is None else self._links.checked
         if self._links is None:
-            _write(folder / "counters.json", _nothing_counted(run))
+            write_json(folder / "counters.json", _nothing_counted(run))
         self._attend_gates()
-        _write(folder / "shaper.json", {**choice.to_data(), **_machine(), "checked": checked})
+        write_json(folder / "shaper.json", {**choice.to_data(), **_machine(), "checked": checked})
 
     def serve(self, path: Path) -> dict[socket, Callable[[], None]]:
         """Begin to accept changes by hand; returns the sockets to watch, each with its function to call if readable."""
@@ -142,13 +141,3 @@ def _nothing_counted(run: RunPlan) -> Mapping[str, Any]:
 def _machine() -> Mapping[str, str]:
     shown = subprocess.run(["tc", "-Version"], capture_output=True, text=True, check=False)
     return {"kernel": platform.release(), "tc": shown.stdout.strip()}
-
-
-def _write(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a file completely or not at all."""
-    try:
-        fresh = path.with_suffix(".new")
-        fresh.write_text(json.dumps(content, indent=1) + "\n")
-        fresh.replace(path)
-    except OSError as error:
-        raise NetError(f"{path}: {error.strerror}; expected a file that can be written") from error

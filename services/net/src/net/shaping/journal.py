@@ -38,3 +38,13 @@ class Journal:
             self._file.write(json.dumps(record) + "\n")
         except OSError as error:
             raise NetError(f"{self._path}: {error.strerror}; expected a file that can be written") from error
+
+
+def write_json(path: Path, content: Mapping[str, Any], indent: int | None = 1) -> None:
+    """Write a file completely or not at all. Raises NetError."""
+    try:
+        fresh = path.with_suffix(".new")
+        fresh.write_text(json.dumps(content, indent=indent) + "\n")
+        fresh.replace(path)
+    except OSError as error:
+        raise NetError(f"{path}: {error.strerror}; expected a file that can be written") from error

@@ -6,7 +6,6 @@ random loss.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ from ..emulator.network import steps
 from ..emulator.plan import PlanError
 from ..interfaces import NetError, Port
 from .commands import Runner, Words, carry_out, run
-from .journal import PROFILE, Journal
+from .journal import PROFILE, Journal, write_json
 from .kernel_plan import KernelPlan, State, parse_kernel
 from .readback import read_back
 from .run_plan import RunPlan
@@ -152,12 +151,7 @@ class KernelLinks:
         (devices,) = carry_out([["ip", "link", "show", "type", "ifb"]], self._runner, "count")
         lost = {device["ifname"]: _dropped(device) for device in devices if _dropped(device)}
         void = f"the kernel dropped frames before the links: {lost}" if lost else None
-        fresh = self._file.with_suffix(".new")
-        try:
-            fresh.write_text(json.dumps(self._tallies.report(self._profile, void, self._at_start)) + "\n")
-            fresh.replace(self._file)
-        except OSError as error:
-            raise NetError(f"{self._file}: {error.strerror}; expected a file that can be written") from error
+        write_json(self._file, self._tallies.report(self._profile, void, self._at_start), indent=None)
 
 
 def _object(words: Words) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..autopilot import FALL_M_S, IN_AIR, LANDING, ON_GROUND, TAKEOFF, Autopilot, FlightMode
+from ..autopilot import FALL_M_S, Autopilot, FlightMode
 from ..dynamics import Energy, Place, Vector
 from ..mission import Leg
 from ..parameters import Parameters
@@ -27,14 +27,14 @@ ARMING_S = 2.0
 class ArduCopter(Autopilot):
     """An ArduPilot multicopter without a pilot at its sticks: the throttle is at the bottom."""
 
+    guided_by = CopterGuidance
     rest = Mode.GUIDED
     unlanded_s = SPOOL_UP_S
     grounded_s = 1.5
     guidance: CopterGuidance
 
     def __init__(self, system_id: int, home: Place, battery: Energy, parameters: Parameters) -> None:
-        super().__init__(system_id, battery, CopterGuidance(home, parameters))
-        self._takes_off = False
+        super().__init__(system_id, home, battery, parameters)
         self.mission.first = 1
         self._flies_mission = False
         """Whether the mission was begun: on the ground AUTO alone does not begin it."""
@@ -49,14 +49,6 @@ class ArduCopter(Autopilot):
         if self.mission.leg is Leg.LAND and not self.guidance.is_above(self.mission.target):
             return Mode.AUTO
         return _LEGS.get(self.mission.leg, Mode.AUTO)
-
-    @property
-    def landed_state(self) -> int:
-        if self.landed:
-            return ON_GROUND
-        if self._is_landing():
-            return LANDING
-        return TAKEOFF if self._takes_off else IN_AIR
 
     @property
     def has_target(self) -> bool:

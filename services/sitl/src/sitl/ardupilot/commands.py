@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from ..answers import ACCEPTED, DENIED, FAILED, FORCE, UNSUPPORTED, acknowledgement, received, whole
 from ..outputs import Output, Reply
+from ..plans import ABOVE_HOME, ABOVE_SEA
 from ..setpoints import SetPoint, of_attitude_target, of_position_target
 from .autopilot import ArduCopter
 from .modes import ROOTED, Mode
@@ -17,8 +18,6 @@ from .modes import ROOTED, Mode
 FORCE_ARMING = 2989.0
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that arms despite failed checks."""
 _WARNING = int(mavlink.MAV_SEVERITY_WARNING)
-_ABOVE_HOME = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
-_ABOVE_SEA = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 
 
 def handle(autopilot: ArduCopter, message: Any) -> list[Output]:
@@ -59,7 +58,7 @@ def _arm_disarm(autopilot: ArduCopter, message: Any) -> int:
 def _takeoff(autopilot: ArduCopter, message: Any) -> int:
     """Take off to a height above home, while armed on the ground; only GUIDED flies it."""
     z = float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
-    if message.get_type() == "COMMAND_INT" and message.frame not in _ABOVE_HOME:
+    if message.get_type() == "COMMAND_INT" and message.frame not in ABOVE_HOME:
         return DENIED
     up_m = autopilot.guidance.home_up_m + z
     can = autopilot.mode is Mode.GUIDED or autopilot.mode in ROOTED
@@ -97,11 +96,11 @@ def _target(autopilot: ArduCopter, message: Any) -> tuple[float, float, float] |
     if message.get_type() == "COMMAND_INT":
         latitude, longitude, z, frame = message.x / 1e7, message.y / 1e7, message.z, message.frame
     else:
-        latitude, longitude, z, frame = message.param5, message.param6, message.param7, _ABOVE_HOME[0]
+        latitude, longitude, z, frame = message.param5, message.param6, message.param7, ABOVE_HOME[0]
     is_place = abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude, longitude) != (0, 0)
-    if not is_place or not math.isfinite(z) or frame not in (*_ABOVE_HOME, *_ABOVE_SEA):
+    if not is_place or not math.isfinite(z) or frame not in (*ABOVE_HOME, *ABOVE_SEA):
         return None
-    up_m = guidance.home_up_m + z if frame in _ABOVE_HOME else z - guidance.origin.altitude_m
+    up_m = guidance.home_up_m + z if frame in ABOVE_HOME else z - guidance.origin.altitude_m
     return (*guidance.origin.metres_to(latitude, longitude), up_m)
 
 

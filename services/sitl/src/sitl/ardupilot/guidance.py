@@ -38,12 +38,7 @@ class CopterGuidance(Guidance):
 
     def __init__(self, origin: Place, parameters: Parameters) -> None:
         super().__init__(origin, parameters)
-        self.lands = False
-        """Whether a return has begun its landing."""
-        self.cruise_m_s: float | None = None
-        """The speed that a mission has set."""
         self._brakes = False
-        self._return_up_m = 0.0
         self._home_s: float | None = None
         """When a return came to rest above home."""
 

@@ -15,9 +15,9 @@ class CopterLogLink(LogLink):
 
     def answer(self, message: Any) -> None:
         kind = message.get_type()
-        if self._is_armed():
+        if self._autopilot.armed:
             if not self._has_warned:
-                self._say("Disarm for log download")
+                self._autopilot.say("Disarm for log download")
             self._has_warned = True
             return
         self._has_warned = False
@@ -31,4 +31,4 @@ class CopterLogLink(LogLink):
             self._begin(message)
 
     def due(self) -> list[Any]:
-        return [] if self._is_armed() else super().due()
+        return [] if self._autopilot.armed else super().due()

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from ..answers import DENIED, FAILED
 from ..dynamics import Battery, Energy
 from ..fleet import DroneConfig
-from ..outputs import Output
 from ..parameters import Parameters
 from ..personality import Personality
-from . import commands
 from .autopilot import ArduCopter
+from .commands import handle
 from .logs import CopterLogLink
 from .parameters import SPECS, of_fleet
 from .plans import CopterPlanLink
@@ -30,7 +28,7 @@ SILENT = frozenset(
 )
 
 
-class _ArduCopter(Personality[ArduCopter]):
+class _ArduCopter(Personality):
     name = "ardupilot"
     title = "ArduPilot"
     release = 4 << 24 | 6 << 16
@@ -39,6 +37,11 @@ class _ArduCopter(Personality[ArduCopter]):
     tells_modes_at_once = True
     answers_pings = False
     unsigned = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS, RADIO})
+    autopilot = ArduCopter
+    telemetry = CopterTelemetry
+    plan_link = CopterPlanLink
+    log_link = CopterLogLink
+    handle = staticmethod(handle)
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
         """Only heartbeats until others are requested, whatever is chosen: the sets are PX4's."""
@@ -53,21 +56,6 @@ class _ArduCopter(Personality[ArduCopter]):
     def battery(self, parameters: Parameters) -> Energy:
         capacity_wh = parameters["BATT_CAPACITY"] / 1000 * NOMINAL_V
         return Battery(capacity_wh, capacity_wh, idle_w=0.0, hover_w=HOVER_W, volts=(NOMINAL_V, NOMINAL_V))
-
-    def autopilot(self, config: DroneConfig, battery: Energy, parameters: Parameters) -> ArduCopter:
-        return ArduCopter(config.system_id, config.home, battery, parameters)
-
-    def telemetry(self, autopilot: ArduCopter, seed: int, *, quiet: bool) -> CopterTelemetry:
-        return CopterTelemetry(autopilot, seed, quiet=quiet)
-
-    def plan_link(self, autopilot: ArduCopter) -> CopterPlanLink:
-        return CopterPlanLink(autopilot.plans, autopilot.say, lambda: autopilot.guidance.home)
-
-    def log_link(self, autopilot: ArduCopter) -> CopterLogLink:
-        return CopterLogLink(autopilot.logs, lambda: autopilot.armed, autopilot.say)
-
-    def handle(self, autopilot: ArduCopter, message: Any) -> list[Output]:
-        return commands.handle(autopilot, message)
 
 
 ARDUCOPTER = _ArduCopter()

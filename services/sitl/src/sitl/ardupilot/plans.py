@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..dynamics import Place
 from ..plan_link import (
     ACCEPTED,
     CANCELLED,
@@ -23,11 +22,9 @@ from ..plan_link import (
     Upload,
     ack,
 )
-from ..plans import FENCE, MISSION, RALLY, Item, Partner, Plans
+from ..plans import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, RALLY, Item, Partner
 
-_ABSOLUTE = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
-_RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
-_FRAMES = (*_ABSOLUTE, *_RELATIVE, mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT, mavlink.MAV_FRAME_MISSION)
+_FRAMES = (*ABOVE_SEA, *ABOVE_HOME, mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT, mavlink.MAV_FRAME_MISSION)
 _PLACES: Mapping[int, tuple[int, ...]] = {
     mavlink.MAV_CMD_NAV_WAYPOINT: (0,),
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: (),
@@ -61,12 +58,8 @@ class CopterPlanLink(PlanLink):
     gives_up_s = 8.0
     most: ClassVar = {MISSION: 724, FENCE: 84, RALLY: 5}
 
-    def __init__(self, plans: Plans, say: Callable[[str], None], home: Callable[[], Place]) -> None:
-        super().__init__(plans, say)
-        self._home_place = home
-
     def _home(self) -> Item:
-        place = self._home_place()
+        place = self._autopilot.guidance.home
         x, y = round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)
         return Item(mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, (0, 0, 0, 0), x, y, place.altitude_m)
 
@@ -165,6 +158,6 @@ def _kept(kind: int, item: Item) -> Item:
     if item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:
         params[2:] = [math.copysign(1.0, params[2]), float(params[3] > 0)]
     frame = mavlink.MAV_FRAME_GLOBAL
-    if item.command in _PLACES and item.frame not in _ABSOLUTE:
-        frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT if item.frame in _RELATIVE else item.frame
+    if item.command in _PLACES and item.frame not in ABOVE_SEA:
+        frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT if item.frame in ABOVE_HOME else item.frame
     return replace(item, frame=frame, params=(params[0], params[1], params[2], params[3]))

@@ -59,22 +59,7 @@ class CopterTelemetry(Telemetry):
     def _sys_status(self) -> Any:
         """Without a position, only PREARM_CHECK is unhealthy."""
         health = HEALTHY if self._ap.healthy else HEALTHY & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        battery = self._ap.battery
-        return mavlink.MAVLink_sys_status_message(
-            onboard_control_sensors_present=PRESENT,
-            onboard_control_sensors_enabled=ENABLED,
-            onboard_control_sensors_health=health,
-            load=0,
-            voltage_battery=round(self._voltage_v() * 1000),
-            current_battery=self._current_ca(),
-            battery_remaining=round(battery.remaining_pct),
-            drop_rate_comm=0,
-            errors_comm=0,
-            errors_count1=0,
-            errors_count2=0,
-            errors_count3=0,
-            errors_count4=0,
-        )
+        return self._status(PRESENT, ENABLED, health, load=0)
 
     def _mission(self) -> Any:
         """The current item, and the number of items without home, which is item 0."""

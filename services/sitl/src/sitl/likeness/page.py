@@ -11,21 +11,15 @@ from .agreement import Fact, compare
 from .apart import NOT_FLOWN, OF_ITSELF, reason
 from .recording import Recording
 
-STREAMS = ("<!-- streams: made by `python -m sitl compare --write` -->", "<!-- streams: end -->")
-LIKENESS = {
-    "px4": ("<!-- likeness: made by `python -m sitl compare --write` -->", "<!-- likeness: end -->"),
-    "ardupilot": (
-        "<!-- likeness to ArduCopter: made by `python -m sitl compare FILE --write` -->",
-        "<!-- likeness to ArduCopter: end -->",
-    ),
-}
-APART = {
-    "px4": ("<!-- apart: made by `python -m sitl compare --write` -->", "<!-- apart: end -->"),
-    "ardupilot": (
-        "<!-- apart from ArduCopter: made by `python -m sitl compare FILE --write` -->",
-        "<!-- apart from ArduCopter: end -->",
-    ),
-}
+
+def _marks(table: str, words: str = "compare") -> tuple[str, str]:
+    """The markers around a table, which the command with these words makes."""
+    return f"<!-- {table}: made by `python -m sitl {words} --write` -->", f"<!-- {table}: end -->"
+
+
+STREAMS = _marks("streams")
+LIKENESS = {"px4": _marks("likeness"), "ardupilot": _marks("likeness to ArduCopter", "compare FILE")}
+APART = {"px4": _marks("apart"), "ardupilot": _marks("apart from ArduCopter", "compare FILE")}
 """By family."""
 ASKED_FOR = ("BATTERY_STATUS", "GLOBAL_POSITION_INT", "VFR_HUD")
 """The messages that the ground station requests at 1 Hz in five-states, besides the heartbeats."""

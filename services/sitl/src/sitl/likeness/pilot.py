@@ -50,8 +50,12 @@ class Pilot(Observer):
 
     def command(self, name: str, number: int, *params: float) -> str | None:
         """Send COMMAND_LONG; returns its result, None if there is no answer."""
+        return self._ask(name, self._long(number, *params))
+
+    def _long(self, command: int, *params: float) -> Any:
+        """COMMAND_LONG; parameters that are not given are 0."""
         seven = [*params, *[0.0] * (7 - len(params))]
-        return self._ask(name, mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *seven))
+        return mavlink.MAVLink_command_long_message(self.system, 1, command, 0, *seven)
 
     def command_int(
         self, name: str, number: int, *params: float, x: int, y: int, z: float, frame: int = 0
@@ -134,21 +138,7 @@ class Pilot(Observer):
         self._ask_interval(name, 0.0)
 
     def _ask_interval(self, name: str, interval_us: float) -> None:
-        self.send(
-            mavlink.MAVLink_command_long_message(
-                target_system=self.system,
-                target_component=1,
-                command=mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-                confirmation=0,
-                param1=number(name),
-                param2=interval_us,
-                param3=0.0,
-                param4=0.0,
-                param5=0.0,
-                param6=0.0,
-                param7=0.0,
-            )
-        )
+        self.send(self._long(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number(name), interval_us))
 
     def velocity(self, north: float, east: float, down: float) -> None:
         """Send one set-point for offboard control, in metres per second."""

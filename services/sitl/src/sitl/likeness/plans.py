@@ -14,7 +14,6 @@ from .planner import Planner
 from .procedures import FLIGHT_S, Procedures, arm, case, down
 
 PLANS: Procedures = {}
-_NAN = math.nan
 _RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
 END_S = 20.0
 """Longer than any autopilot waits for an item."""

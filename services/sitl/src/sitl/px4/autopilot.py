@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..autopilot import IN_AIR, LANDING, ON_GROUND, TAKEOFF, Autopilot, FlightMode
+from ..autopilot import Autopilot, FlightMode
 from ..dynamics import Energy, Place, Vector
 from ..mission import Leg
 from ..parameters import Parameters
@@ -19,25 +19,16 @@ some."""
 class Px4(Autopilot):
     """A PX4 multicopter."""
 
+    guided_by = Px4Guidance
     rest = Mode.HOLD
     unlanded_s = 1.0
     grounded_s = GROUNDED_S
     guidance: Px4Guidance
 
     def __init__(self, system_id: int, home: Place, battery: Energy, parameters: Parameters) -> None:
-        super().__init__(system_id, battery, Px4Guidance(home, parameters))
-        self._takes_off = False
-        """Whether this takeoff began on the ground."""
+        super().__init__(system_id, home, battery, parameters)
         self._led_to: Vector | None = None
         """The mission's target to which it flies."""
-
-    @property
-    def landed_state(self) -> int:
-        if self.landed:
-            return ON_GROUND
-        if self.flies_as is Mode.LAND or (self.mode is Mode.RETURN and self.guidance.lands):
-            return LANDING
-        return TAKEOFF if self._takes_off else IN_AIR
 
     @property
     def flies_as(self) -> FlightMode:
@@ -52,6 +43,9 @@ class Px4(Autopilot):
     def has_target(self) -> bool:
         """In the automatic modes only."""
         return self.armed and self.mode.custom_mode >> 16 & 0xFF == 4
+
+    def _is_landing(self) -> bool:
+        return self.flies_as is Mode.LAND or (self.mode is Mode.RETURN and self.guidance.lands)
 
     def _fly(self, dt_s: float) -> None:
         if self.mode is Mode.MISSION:

@@ -10,14 +10,13 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from ..answers import ACCEPTED, DENIED, FORCE, REJECTED, UNSUPPORTED, acknowledgement, received, whole
 from ..outputs import Output, Reply
+from ..plans import ABOVE_HOME, ABOVE_SEA
 from ..setpoints import SetPoint, of_attitude_target, of_position_target
 from .autopilot import Px4
 from .modes import Mode
 
 _CURRENT = 0x7FFFFFFF
 """COMMAND_INT's x or y that stands for the current position."""
-_RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
-_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT, *_RELATIVE)
 
 
 def handle(autopilot: Px4, message: Any) -> list[Output]:
@@ -110,7 +109,11 @@ def _reposition(autopilot: Px4, message: Any) -> int:
     guidance = autopilot.guidance
     z = _z(message)
     place = _horizontal(autopilot, message)
-    if place is None or math.isinf(z) or (message.get_type() == "COMMAND_INT" and message.frame not in _FRAMES):
+    if (
+        place is None
+        or math.isinf(z)
+        or (message.get_type() == "COMMAND_INT" and message.frame not in (*ABOVE_SEA, *ABOVE_HOME))
+    ):
         return _refuse(autopilot, "Reposition rejected: position is not valid", DENIED)
     changes_mode = bool((whole(message.param2) or 0) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
     if autopilot.mode is not Mode.HOLD and not changes_mode:
@@ -188,7 +191,7 @@ def _z(message: Any) -> float:
 def _up(autopilot: Px4, message: Any, z: float) -> float:
     """A command's height above the origin; only COMMAND_INT names a frame, COMMAND_LONG's altitude is AMSL."""
     guidance = autopilot.guidance
-    if message.get_type() == "COMMAND_INT" and message.frame in _RELATIVE:
+    if message.get_type() == "COMMAND_INT" and message.frame in ABOVE_HOME:
         return guidance.home_up_m + z
     return z - guidance.origin.altitude_m
 

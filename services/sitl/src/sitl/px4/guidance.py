@@ -42,12 +42,7 @@ class Px4Guidance(Guidance):
 
     def __init__(self, origin: Place, parameters: Parameters) -> None:
         super().__init__(origin, parameters)
-        self.lands = False
-        """Whether a return has begun its landing."""
-        self.cruise_m_s: float | None = None
-        """The cruise speed of a mission; None: MPC_XY_CRUISE."""
         self._starts_s = 0.0
-        self._return_up_m = 0.0
 
     @property
     def limits(self) -> Limits:

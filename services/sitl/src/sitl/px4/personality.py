@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from ..answers import ACCEPTED, DENIED, FAILED
 from ..dynamics import Energy, SimulatedBattery
 from ..fleet import DroneConfig
-from ..outputs import Output
 from ..parameters import BytewiseParameters, Parameters
 from ..personality import Personality
-from . import commands
 from .autopilot import Px4
+from .commands import handle
 from .logs import Px4LogLink
 from .parameters import SPECS
 from .plans import Px4PlanLink
@@ -25,7 +23,7 @@ NOMINAL_V = 14.8
 """A 4S lithium polymer battery, for BAT1_CAPACITY in mAh."""
 
 
-class _Px4(Personality[Px4]):
+class _Px4(Personality):
     name = "px4"
     title = "PX4"
     release = 1 << 24 | 15 << 16 | 4 << 8 | 255
@@ -41,6 +39,11 @@ class _Px4(Personality[Px4]):
             mavlink.MAVLINK_MSG_ID_COLLISION,
         }
     )
+    autopilot = Px4
+    telemetry = Px4Telemetry
+    plan_link = Px4PlanLink
+    log_link = Px4LogLink
+    handle = staticmethod(handle)
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
         return rates_hz(chosen)
@@ -53,21 +56,6 @@ class _Px4(Personality[Px4]):
 
     def battery(self, parameters: Parameters) -> Energy:
         return SimulatedBattery(parameters["SIM_BAT_DRAIN"], parameters["SIM_BAT_MIN_PCT"])
-
-    def autopilot(self, config: DroneConfig, battery: Energy, parameters: Parameters) -> Px4:
-        return Px4(config.system_id, config.home, battery, parameters)
-
-    def telemetry(self, autopilot: Px4, seed: int, *, quiet: bool) -> Px4Telemetry:
-        return Px4Telemetry(autopilot, seed, quiet=quiet)
-
-    def plan_link(self, autopilot: Px4) -> Px4PlanLink:
-        return Px4PlanLink(autopilot.plans, autopilot.say)
-
-    def log_link(self, autopilot: Px4) -> Px4LogLink:
-        return Px4LogLink(autopilot.logs, lambda: autopilot.armed, autopilot.say)
-
-    def handle(self, autopilot: Px4, message: Any) -> list[Output]:
-        return commands.handle(autopilot, message)
 
 
 PX4 = _Px4()

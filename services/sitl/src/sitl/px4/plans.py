@@ -9,10 +9,8 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import development as mavlink
 
 from ..plan_link import ACCEPTED, CANCELLED, ERROR, NO_SPACE, UNSUPPORTED, WRONG_FRAME, PlanLink, Upload, ack
-from ..plans import FENCE, LISTS, MISSION, RALLY, Item, Partner
+from ..plans import ABOVE_HOME, ABOVE_SEA, FENCE, LISTS, MISSION, RALLY, Item, Partner
 
-_ABSOLUTE = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
-_RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 _KEPT: Mapping[int, tuple[int, ...]] = {
     mavlink.MAV_CMD_NAV_WAYPOINT: (0, 1, 3),
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: (2, 3),
@@ -84,7 +82,7 @@ class Px4PlanLink(PlanLink):
     def keep(self, upload: Upload) -> None:
         items = tuple(_kept(item) for item in upload.items)
         if upload.kind == FENCE:
-            items = tuple(replace(item, frame=_ABSOLUTE[1], autocontinue=0) for item in items)
+            items = tuple(replace(item, frame=ABOVE_SEA[1], autocontinue=0) for item in items)
         self._plans.put(upload.kind, items, upload.current)
 
     def given_up(self, upload: Upload) -> list[Any]:
@@ -194,7 +192,7 @@ class Px4PlanLink(PlanLink):
 
 def _refusal(kind: int, item: Item) -> int:
     """The result of an item; ACCEPTED if PX4 takes it."""
-    if item.frame not in (*_ABSOLUTE, *_RELATIVE, mavlink.MAV_FRAME_MISSION):
+    if item.frame not in (*ABOVE_SEA, *ABOVE_HOME, mavlink.MAV_FRAME_MISSION):
         return WRONG_FRAME
     if item.command not in (_PLACELESS if item.frame == mavlink.MAV_FRAME_MISSION else _KEPT):
         return UNSUPPORTED
@@ -207,7 +205,7 @@ def _kept(item: Item) -> Item:
     """An item as PX4 gives it back."""
     if item.frame == mavlink.MAV_FRAME_MISSION:
         return item
-    frame = _ABSOLUTE[1] if item.frame in _ABSOLUTE else _RELATIVE[1]
+    frame = ABOVE_SEA[1] if item.frame in ABOVE_SEA else ABOVE_HOME[1]
     kept = _KEPT[item.command]
     flags = _FLAGS.get(item.command, ())
     params = [0.0] * 4

@@ -80,21 +80,11 @@ class Px4Telemetry(Telemetry):
         health = SENSORS & ~mavlink.MAV_SYS_STATUS_SENSOR_GPS
         if self._ap.healthy:
             health = SENSORS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        battery = self._ap.battery
-        return mavlink.MAVLink_sys_status_message(
-            onboard_control_sensors_present=SENSORS,
-            onboard_control_sensors_enabled=SENSORS,
-            onboard_control_sensors_health=health,
+        return self._status(
+            SENSORS,
+            SENSORS,
+            health,
             load=250,
-            voltage_battery=round(self._voltage_v() * 1000),
-            current_battery=self._current_ca(),
-            battery_remaining=round(battery.remaining_pct),
-            drop_rate_comm=0,
-            errors_comm=0,
-            errors_count1=0,
-            errors_count2=0,
-            errors_count3=0,
-            errors_count4=0,
             onboard_control_sensors_present_extended=_EXTENDED,
             onboard_control_sensors_enabled_extended=_EXTENDED,
             onboard_control_sensors_health_extended=_EXTENDED,
