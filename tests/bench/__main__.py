@@ -9,6 +9,8 @@ import argparse
 import importlib
 from pathlib import Path
 
+from docker.errors import DockerException
+
 from tests.bench.clouds import CLOUDS
 
 FIGURES = (
@@ -53,8 +55,11 @@ def main() -> None:
     load = {option: value for option, value in given.items() if value is not None}
     for name in names:
         module = importlib.import_module(f"tests.bench.{name}")
-        for line in module.measure(**load) if name == "load" else module.measure():
-            print(line, flush=True)
+        try:
+            for line in module.measure(**load) if name == "load" else module.measure():
+                print(line, flush=True)
+        except DockerException as error:
+            print(f"{name}: not measured, Docker does not answer: {error}", flush=True)
 
 
 main()

@@ -100,8 +100,7 @@ async def relay_secured(drones: int, hz: float, security: str) -> Relayed:
         authority = Authority.create(folder / "acme", "acme")
         cloud, fog = (TwoWayBroker(folder, place, authority.issue(f"broker-{place}")) for place in ("cloud", "fog1"))
         for broker in (cloud, fog):
-            broker.start()
-            stack.callback(broker.kill)
+            stack.callback(broker.start().kill)
         is_signed = security == "signed"
         identity = ["--identity", str(authority.issue("fog1")), *(["--signed"] if is_signed else [])]
         brokers = ["--cloud", cloud.tls_url, "--fog-broker", fog.tls_url, "--fog-root", "f1/"]
@@ -155,8 +154,7 @@ async def _activator(folder: Path, stack: ExitStack, fog: int, *options: str) ->
 
 
 def _started(folder: Path, stack: ExitStack, name: str, more: str = "") -> BenchBroker:
-    broker = BenchBroker(folder, name, more)
-    broker.start()
+    broker = BenchBroker(folder, name, more).start()
     stack.callback(broker.kill)
     return broker
 

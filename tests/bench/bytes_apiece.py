@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mqttxt.core.address import BrokerAddress
-from mqttxt.core.effects import Publish, Subscribe
+from mqttxt.core.effects import Publish
 from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.protocol.bundles import drone_bundle
 from mqttxt.protocol.codec import encode
@@ -23,6 +23,7 @@ from tests.bench.capture import Capture, Frame
 from tests.bench.fleet import FIVE
 from tests.bench.raw_mqtt import RawClient
 from tests.bench.vital import COMMANDS, STAMP, command_payload, mavlink_commands, mavlink_states
+from tests.rigs.linked import Heard
 from tests.rigs.processes import eventually, free_port
 
 APART_S = 0.15
@@ -38,28 +39,6 @@ class Size:
 
     def __str__(self) -> str:
         return f"{self.alone:.0f} ({self.with_acks:.0f})"
-
-
-class _Station:
-    """A link's events, as far as a publisher needs them."""
-
-    def __init__(self) -> None:
-        self.is_connected = False
-
-    def connected(self, link: str) -> None:
-        self.is_connected = True
-
-    def disconnected(self, link: str) -> None:
-        self.is_connected = False
-
-    def received(self, link: str, message: object) -> None: ...
-
-    def subscribed(self, subscribe: Subscribe) -> None: ...
-
-    def published(self, link: str, ref: object, code: int) -> None: ...
-
-    def count(self, kind: str, detail: str) -> None:
-        raise AssertionError(f"{kind}: {detail}")
 
 
 def measure() -> list[str]:
@@ -96,12 +75,9 @@ def turns() -> list[Turn]:
 async def _measure() -> dict[str, Size]:
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        broker = BenchBroker(folder, "fog")
-        broker.start()
-        stack.callback(broker.kill)
-        plain = BenchBroker(folder, "plain", "max_topic_alias 0\n")
-        plain.start()
-        stack.callback(plain.kill)
+        broker, plain = BenchBroker(folder, "fog"), BenchBroker(folder, "plain", "max_topic_alias 0\n")
+        for each in (broker, plain):
+            stack.callback(each.start().kill)
         udp = free_port(socket.SOCK_DGRAM)
         found: dict[str, Size] = {}
         marks: list[tuple[str, float, float]] = []
@@ -127,10 +103,10 @@ def _carrying(frames: list[Frame], towards: set[int]) -> list[Frame]:
 
 
 async def _publish(port: int, planned: list[Turn]) -> list[tuple[str, float, float]]:
-    events = _Station()
+    events = Heard()
     link = MqttLink("fog", BrokerAddress("127.0.0.1", port), "bench", None, events)
     running = asyncio.create_task(link.run())
-    await eventually(lambda: events.is_connected, "connected")
+    await eventually(lambda: events.connections, "connected")
     marks = []
     await asyncio.sleep(APART_S)
     for key, effects in planned:
@@ -141,6 +117,7 @@ async def _publish(port: int, planned: list[Turn]) -> list[tuple[str, float, flo
         marks.append((key, start, time.time()))
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
+    assert events.counted == []
     return marks
 
 

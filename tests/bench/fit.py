@@ -57,7 +57,7 @@ def measure() -> Iterator[str]:
         yield from (f"{chosen}: {line}" for line in _by_state(trial, found))
         rates[chosen] = [_rates(plan), (found.six.air_bps, found.six.wan_bps or 0)]
     try:
-        with fit_replay.network(topology) as made:
+        with ShapedNetwork(topology) as made:
             for chosen, streams in recorded.items():
                 pair = rates[chosen][0 if chosen == SETS[0] else 1]
                 for drones in ((1,), tuple(streams)):

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import time
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from typing import Any, Self
+from typing import Self
 
 from testbed.plan.profiles.resolve import LinksPlan
 from testbed.plan.topology import Topology
-from tests.rigs.shaped_nodes import FOLDER, PYTHON, READY_TIMEOUT_S, ShapedNodes
+from tests.rigs.shaped_nodes import PYTHON, Running, ShapedNodes
 
 FIRST_SUBNET = 100
 _ROUTE = """
@@ -39,30 +34,7 @@ class ShapedNetwork(ShapedNodes):
         self.output("net", [PYTHON, "-c", _ROUTE], environment=self.environment)
         return self
 
-    @contextmanager
-    def shaping(self, plan: LinksPlan) -> Iterator[None]:
+    def shaping(self, plan: LinksPlan) -> Running:
         """Run the emulator while this is entered; afterwards `counters` has its counts."""
         self.write_plan(plan.to_data())
-        self.output("net", ["rm", "-f", f"{FOLDER}/ready"])
-        script = ["sh", "-c", f'echo $$ > {FOLDER}/pid; exec "$@"', "sh", *self.shape_command()]
-        with ThreadPoolExecutor(1) as thread:
-            running = thread.submit(self.nodes["net"].exec_run, script, environment=self.environment)
-            try:
-                self._wait_for_ready(running.done)
-                yield
-            finally:
-                self.nodes["net"].exec_run(["sh", "-c", f"kill -TERM $(cat {FOLDER}/pid)"])
-            code, said = running.result(READY_TIMEOUT_S)
-            assert code == 0, said.decode()
-
-    def counters(self) -> dict[str, Any]:
-        """The last file that the emulator wrote."""
-        content: dict[str, Any] = json.loads(self.output("net", ["cat", f"{FOLDER}/counters.json"]))
-        return content
-
-    def _wait_for_ready(self, has_ended: Any) -> None:
-        deadline = time.monotonic() + READY_TIMEOUT_S
-        while self.nodes["net"].exec_run(["test", "-e", f"{FOLDER}/ready"]).exit_code:
-            assert time.monotonic() < deadline, "the emulator does not become ready"
-            assert not has_ended(), "the emulator has ended"
-            time.sleep(0.05)
+        return Running(self, self.shape_command())

@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.resolve import LinksPlan
-from testbed.plan.topology import Topology
 from tests.bench.fit_network import ShapedNetwork
 from tests.bench.fit_search import SETTLED_NS, with_rates
 from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, losses, run
@@ -48,20 +46,10 @@ class Replayed:
     void: str | None
 
 
-@contextmanager
-def network(topology: Topology) -> Iterator[ShapedNetwork]:
-    """Start the nodes of a topology, and remove them afterwards."""
-    made = ShapedNetwork(topology)
-    try:
-        yield made.up()
-    finally:
-        made.down()
-
-
 def replay(made: ShapedNetwork, streams: Streams, plan: LinksPlan, air_bps: int, wan_bps: int) -> Replayed:
     """Send the streams from their drones to the ground station, on the plan's links with these rates."""
     rated = replace(plan, links=with_rates(plan.links, air_bps, wan_bps))
-    with made.shaping(rated), ThreadPoolExecutor(len(streams) + 1) as threads:
+    with made.shaping(rated) as shaper, ThreadPoolExecutor(len(streams) + 1) as threads:
         listening = made.nodes["gs"].exec_run([PYTHON, SENDER, "receive", str(SILENCE_S)], stream=True).output
         assert next(listening).startswith(b"listening")
         receiving = threads.submit(b"".join, listening)
@@ -72,7 +60,7 @@ def replay(made: ShapedNetwork, streams: Streams, plan: LinksPlan, air_bps: int,
     offered = Offered(sent, standard_fleet().fogs)
     crossed = run(offered, rated.links, plan.seed)
     numbers = {drone: come.get(made.address(f"uav{drone}"), []) for drone in streams}
-    counters = made.counters()
+    counters = shaper.counters()
     return Replayed(
         measured=losses(offered, _as_crossed(offered, crossed, numbers), SETTLED_NS),
         expected=losses(offered, crossed, SETTLED_NS),

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import development as mavlink
 
 from sitl.fleet import DroneConfig
+from sitl.streams import NUMBERS
 from sitl.vehicle import Vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,6 +32,7 @@ _SO_TIMESTAMPNS = 35
 _TIMESPEC = struct.Struct("@ll")
 _SO_RCVBUFFORCE = 33
 _KINDS = {number: message.msgname for number, message in mavlink.mavlink_map.items()}
+_KINDS |= {number: name for name, number in NUMBERS.items()}
 
 
 class Frame(NamedTuple):
@@ -81,14 +83,36 @@ def exact(chosen: str, seconds: float, system: int = 1, start_ns: int = 0) -> tu
 
 def record(chosen: str, drones: int, seconds: float) -> Streams:
     """Record what the stand-in's processes send to loopback in flight, with the kernel's receive times."""
+    with flying(chosen, drones) as stand_ins:
+        return stand_ins.listen(seconds)
+
+
+class StandIns:
+    """Stand-ins in flight, by their processes, and what they send."""
+
+    def __init__(self, processes: list[subprocess.Popen[bytes]], sockets: Mapping[int, socket.socket]) -> None:
+        self.pids = [process.pid for process in processes]
+        self._sockets = sockets
+        self._up_ns = _start(sockets) + round(WARM_UP_S * 1e9)
+
+    def listen(self, seconds: float) -> Streams:
+        """What comes from now on, or from when all fly at their height."""
+        begin_ns = max(time.time_ns(), self._up_ns)
+        found = _listen(self._sockets, begin_ns, begin_ns + round(seconds * 1e9))
+        return {drone: tuple(frames) for drone, frames in found.items()}
+
+
+@contextlib.contextmanager
+def flying(chosen: str, drones: int) -> Iterator[StandIns]:
+    """Stand-ins that have taken off."""
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         sockets = {drone: stack.enter_context(_receiver()) for drone in range(1, drones + 1)}
-        for drone, come in sockets.items():
+        processes = [
             stack.enter_context(_flying(chosen, drone, come.getsockname()[1], folder))
-        began_ns = _start(sockets) + round(WARM_UP_S * 1e9)
-        found = _listen(sockets, began_ns, began_ns + round(seconds * 1e9))
-    return {drone: tuple(frames) for drone, frames in found.items()}
+            for drone, come in sockets.items()
+        ]
+        yield StandIns(processes, sockets)
 
 
 def write(path: Path, streams: Streams) -> None:
@@ -124,12 +148,12 @@ def _receiver() -> Iterator[socket.socket]:
 
 
 @contextlib.contextmanager
-def _flying(chosen: str, drone: int, port: int, folder: str) -> Iterator[None]:
+def _flying(chosen: str, drone: int, port: int, folder: str) -> Iterator[subprocess.Popen[bytes]]:
     options = ["--system", str(drone), "--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", chosen]
     command = [sys.executable, "-m", "sitl", "fly", *options, "--events", f"{folder}/{drone}.jsonl"]
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as process:
         try:
-            yield
+            yield process
         finally:
             process.terminate()
 
@@ -138,7 +162,7 @@ def _start(sockets: Mapping[int, socket.socket]) -> int:
     """Answer each drone's first datagram with arm and takeoff; returns when the last was answered, ns since 1970."""
     for drone, come in sockets.items():
         come.setblocking(True)
-        come.settimeout(30)
+        come.settimeout(120)
         _, autopilot = come.recvfrom(2048)
         for message in _take_off(drone):
             come.sendto(message.get_msgbuf(), autopilot)

@@ -25,7 +25,7 @@ from mqttxt.protocol.topics import FogSide
 from mqttxt.protocol.values import Encoding
 from mqttxt.security.cose import Envelope
 from mqttxt.security.seal import Seal
-from tests.bench.raw_mqtt import RawClient, publish_packet
+from tests.bench.raw_mqtt import RawClient, with_alias
 
 FIVE: tuple[State, ...] = (
     Battery(87),
@@ -74,8 +74,8 @@ class Fleet:
         for number in self._sessions:
             for topic, payload in self._said(number):
                 alias += 1
-                client.send(publish_packet(topic, payload, alias))
-                short = publish_packet("", payload, alias)
+                client.send(with_alias(topic, payload, alias))
+                short = with_alias("", payload, alias)
                 cut = len(short) - len(payload) + payload.index(b"\x19\x01\x00") + 1
                 self._packets.append((short[:cut], short[cut + 2 :]))
 

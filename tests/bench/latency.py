@@ -21,11 +21,10 @@ from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.logging import LogLevel, log_subscribe
 
-from mqttxt import GroundStation
 from tests.bench.always_armed import AlwaysArmed
-from tests.bench.brokers import BenchBroker
+from tests.bench.armed_drone import ArmedDrone
 from tests.bench.raw_mqtt import RawClient
-from tests.rigs.processes import Process, eventually, free_port
+from tests.rigs.processes import free_port
 from tests.rigs.routers import chain
 
 COMMANDS, COMMANDS_ON_DISK = 2000, 500
@@ -100,33 +99,17 @@ async def _measure(commands: int, how: str, where: Path | None) -> str:
 async def _mqttxt(journals: Path | None) -> AsyncIterator[tuple[Turn, Turn]]:
     """An arming over MQTT-XT, and the bare message through its brokers."""
     with tempfile.TemporaryDirectory() as name, tempfile.TemporaryDirectory(dir=journals) as journal, ExitStack() as on:
-        folder = Path(name)
-        fog = _started(on, BenchBroker(folder, "fog"))
-        cloud = _started(on, BenchBroker(folder, "cloud", _BRIDGE.format(port=fog.port)))
-        port = free_port(socket.SOCK_DGRAM)
-        autopilot = AlwaysArmed(port)
-        on.callback(autopilot.close)
-        brokers = ["--cloud", cloud.url, "--fog-broker", fog.url]
-        ready = str(folder / "activator.ready")
-        activator = Process(folder, "activator", "mqttxt", "activator", "--fog", "1", *brokers, "--ready-file", ready)
-        files = ["--journal", f"{journal}/journal", "--ready-file", str(folder / "uav.ready")]
-        link = ["--broker", fog.url, "--autopilot", f"udp:127.0.0.1:{port}"]
-        uav = Process(folder, "uav", "mqttxt", "uav", "--drone", "1", *link, *files)
-        for process in (activator, uav):
-            on.callback(process.start().kill)
-        for process in (activator, uav):
-            await asyncio.to_thread(process.wait_ready)
-        async with GroundStation(cloud.url) as station:
-            (there,) = await station.connect([1])
-            drone = there.drone(1)
-            await eventually(lambda: drone.is_reachable, "the drone is reachable")
+        system = ArmedDrone(Path(name), Path(journal))
+        with system.cloud.configuration.open("a") as configuration:
+            configuration.write(_BRIDGE.format(port=system.fog.port))
+        async with system.flying() as (_, drone):
 
             async def arm() -> None:
                 outcome = await drone.arm()
                 assert outcome.completed, outcome
 
-            bare = await _bare(on, cloud.port, fog.port)
-            yield lambda: _until_heard(arm, autopilot), bare
+            bare = await _bare(on, system.cloud.port, system.fog.port)
+            yield lambda: _until_heard(arm, system.autopilot), bare
 
 
 async def _bare(on: ExitStack, cloud_port: int, fog_port: int) -> Turn:
@@ -171,9 +154,3 @@ async def _until_heard(arm: Callable[[], Awaitable[Any]], autopilot: AlwaysArmed
     await arm()
     assert len(autopilot.heard_ns) == before + 1, "one call, one arming: a repetition would falsify the figure"
     return (autopilot.heard_ns[-1] - called_ns) / 1e6
-
-
-def _started(stack: ExitStack, broker: BenchBroker) -> BenchBroker:
-    broker.start()
-    stack.callback(broker.kill)
-    return broker

@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from docker.errors import DockerException
-
 from tests.rigs.shaped_link import ShapedLink, plan_of
 
 FINDINGS = Path(__file__).parents[2] / "docs" / "findings" / "scenario-1"
@@ -23,17 +21,10 @@ SENT = 0.95
 
 
 def measure() -> list[str]:
-    """One line, or the reason for none; takes a minute or two."""
+    """One line; takes a minute or two."""
     needed = {protocol: most_needed(FINDINGS, protocol) for protocol in ("mqttxt", "mavlink")}
-    try:
-        link = ShapedLink()
-    except DockerException as error:
-        return [f"net's limit: not measured, Docker does not answer: {error}"]
-    try:
-        link.up()
+    with ShapedLink() as link:
         carried_hz, why = _limit_hz(link)
-    finally:
-        link.down()
     drones = ", ".join(
         f"{carried_hz / each_hz:,.0f} drones over {protocol} ({each_hz:,.0f} each, {arm})"
         for protocol, (each_hz, arm) in needed.items()

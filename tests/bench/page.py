@@ -117,8 +117,7 @@ async def _measure() -> Shown:
         folder = Path(name)
         cloud, fog = BenchBroker(folder, "cloud"), BenchBroker(folder, "fog")
         for broker in (cloud, fog):
-            broker.start()
-            stack.callback(broker.kill)
+            stack.callback(broker.start().kill)
         options = ["--fog", "1", "--cloud", cloud.url, "--fog-broker", fog.url, "--fog-root", "f1/"]
         ready = ["--ready-file", str(folder / "activator.ready")]
         activator = Process(folder, "activator", "mqttxt", "activator", *options, *ready).start()

@@ -6,18 +6,14 @@ import asyncio
 import struct
 from collections.abc import Callable
 
-from tests.rigs.mqtt_server import variable_length
+from tests.rigs.mqtt_server import publish, variable_length
 
 _PUBLISH = 0x30
 
 
-def publish_packet(topic: str, payload: bytes, alias: int | None = None, qos: int = 0, mid: int = 1) -> bytes:
-    """A PUBLISH; an empty topic with an alias is a second or later use of the alias."""
-    properties = b"" if alias is None else b"\x23" + alias.to_bytes(2, "big")
-    name = topic.encode()
-    body = struct.pack("!H", len(name)) + name
-    body += (mid.to_bytes(2, "big") if qos else b"") + bytes([len(properties)]) + properties + payload
-    return bytes([_PUBLISH | qos << 1]) + variable_length(len(body)) + body
+def with_alias(topic: str, payload: bytes, alias: int) -> bytes:
+    """A PUBLISH; an empty topic is a second or later use of the alias."""
+    return publish(topic, payload, properties=b"\x23" + alias.to_bytes(2, "big"))
 
 
 class RawClient(asyncio.Protocol):
@@ -49,7 +45,7 @@ class RawClient(asyncio.Protocol):
         self._transport.write(data)
 
     def publish(self, topic: str, payload: bytes, qos: int = 0) -> None:
-        self.send(publish_packet(topic, payload, qos=qos))
+        self.send(publish(topic, payload, qos, mid=1))
 
     def close(self) -> None:
         assert self._transport is not None

@@ -7,25 +7,20 @@ time of an activator under the load of `activator`.
 from __future__ import annotations
 
 import asyncio
-import socket
 import tempfile
 import time
 from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
-from mqttxt import Drone, GroundStation
-from mqttxt.security.authority import Authority
-from mqttxt.security.rights import Rights
+from mqttxt import Drone
 from tests.bench.activator import DRONES_A_FOG, FULL_HZ, Relayed, relay_by_activators, relay_secured
 from tests.bench.always_armed import AlwaysArmed
-from tests.bench.brokers import BenchBroker
+from tests.bench.armed_drone import ArmedDrone
 from tests.bench.capture import Capture, Frame
 from tests.bench.latency import MEMORY, Percentiles
-from tests.rigs.processes import Process, eventually, free_port
-from tests.rigs.secure import SecureBroker
 
 SECURITY = ("none", "tls", "signed")
 TURNS, WARM_UP = 500, 20
@@ -84,50 +79,10 @@ async def _calls() -> list[str]:
 @asynccontextmanager
 async def _fleet(folder: Path, how: str) -> AsyncIterator[Fleet]:
     folder.mkdir()
-    with ExitStack() as on, tempfile.TemporaryDirectory(dir=MEMORY) as journals:
-        signed = how == "signed"
-        words: dict[str, list[str]] = {"fog1": [], "drone1": []}
-        station: dict[str, Path | bool] = {}
-        cloud: BenchBroker | SecureBroker
-        fog: BenchBroker | SecureBroker
-        if how == "none":
-            cloud, fog = BenchBroker(folder, "cloud"), BenchBroker(folder, "fog")
-        else:
-            authority = Authority.create(folder / "acme", "acme")
-            names = ("broker-cloud", "broker-fog1", "fog1", "drone1")
-            made = {each: authority.issue(each) for each in names}
-            rights = Rights(None, take_over=True, observe=True)
-            station = {"identity": authority.issue("gs-bench", rights), "signed": signed}
-            cloud, fog = SecureBroker(authority, "broker-cloud"), SecureBroker(authority, "broker-fog1")
-            for each, said in words.items():
-                said += ["--identity", str(made[each]), *(["--signed"] if signed else [])]
-            words["drone1"] += ["--fog", "1"] if signed else []
-        for broker in (cloud, fog):
-            broker.start()
-            on.callback(broker.kill)
-        port = free_port(socket.SOCK_DGRAM)
-        autopilot = AlwaysArmed(port)
-        on.callback(autopilot.close)
-        links = ["--cloud", url_of(cloud), "--fog-broker", url_of(fog), "--ready-file", str(folder / "activator.ready")]
-        files = ["--journal", f"{journals}/journal", "--ready-file", str(folder / "uav.ready")]
-        link = ["--broker", url_of(fog), "--autopilot", f"udp:127.0.0.1:{port}"]
-        processes = (
-            Process(folder, "activator", "mqttxt", "activator", "--fog", "1", *links, *words["fog1"]),
-            Process(folder, "uav", "mqttxt", "uav", "--drone", "1", *link, *files, *words["drone1"]),
-        )
-        for process in processes:
-            on.callback(process.start().kill)
-        for process in processes:
-            await asyncio.to_thread(process.wait_ready)
-        async with GroundStation(url_of(cloud), **station) as gs:  # type: ignore[arg-type]
-            (there,) = await gs.connect([1])
-            drone = there.drone(1)
-            await eventually(lambda: drone.is_reachable, "the drone is reachable")
-            yield Fleet(autopilot, drone, fog.port)
-
-
-def url_of(broker: BenchBroker | SecureBroker) -> str:
-    return broker.url if isinstance(broker, BenchBroker) else str(broker.address)
+    with tempfile.TemporaryDirectory(dir=MEMORY) as journals:
+        system = ArmedDrone(folder, Path(journals), "" if how == "none" else how)
+        async with system.flying() as (_, drone):
+            yield Fleet(system.autopilot, drone, system.fog.port)
 
 
 def _size_lines(fleets: dict[str, Fleet], capture: Capture) -> list[str]:

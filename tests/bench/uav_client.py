@@ -29,8 +29,7 @@ def measure() -> list[str]:
 async def _measure() -> str:
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        broker = BenchBroker(folder, "fog")
-        broker.start()
+        broker = BenchBroker(folder, "fog").start()
         stack.callback(broker.kill)
         listen, send = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
         ports = ["--listen", f"127.0.0.1:{listen}", "--send", f"127.0.0.1:{send}"]

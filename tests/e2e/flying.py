@@ -29,7 +29,7 @@ FEW = 3
 """Drones of a small fleet, of which one fog has two and the other one."""
 
 
-def containers() -> dict[str, object]:
+def containers() -> dict[str, Any]:
     found = docker.from_env().containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"})
     return {container.labels[SERVICE_LABEL]: container for container in found}
 

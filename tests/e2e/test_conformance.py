@@ -9,11 +9,10 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import docker
 import pytest
 
-from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
 from testbed.plan.documents import ROOT
+from tests.e2e.flying import containers
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(800), pytest.mark.soak("services/mqttxt/src", "compose.yaml")]
 
@@ -48,8 +47,7 @@ def carry_out(*command: str) -> None:
 def fleet() -> Iterator[dict[str, Any]]:
     carry_out("up", "--security", "none")
     try:
-        found = docker.from_env().containers.list(filters={"label": f"{PROJECT_LABEL}={PROJECT}"})
-        yield {container.labels[SERVICE_LABEL]: container for container in found}
+        yield containers()
     finally:
         carry_out("down")
 

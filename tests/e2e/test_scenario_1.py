@@ -27,7 +27,7 @@ def heard_topics(limit_s: int) -> dict[str, bytes]:
     """What `mosquitto_sub -v -t 'fog1/#'` shows beside a flight."""
     gs = containers()["gs"]
     command = ["mosquitto_sub", "-h", "198.18.1.3", "-t", "fog1/#", "-W", str(limit_s), "-F", "%t %x"]
-    output = gs.exec_run(command).output.decode()  # type: ignore[attr-defined]
+    output = gs.exec_run(command).output.decode()
     heard = [line.split(" ") for line in output.splitlines() if line.startswith("fog1/")]  # the flight may end before
     return {topic: bytes.fromhex(payload) for topic, payload in heard}
 
@@ -40,8 +40,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, byte
     run.says("  arm ")
     topics = heard_topics(limit_s=40)
     assert run.wait() == 0, run.output
-    metrics = json.loads((run.results / "scenario-1" / "latest" / "metrics.json").read_text())
-    return run, topics, metrics
+    return run, topics, run.metrics()
 
 
 Flown = tuple[Run, dict[str, bytes], dict[str, Any]]
@@ -78,7 +77,7 @@ def test_scenario_1_is_flown_measured_and_reported_over(flown: Flown, protocol: 
 
 def test_one_report_has_both_sides(flown: Flown) -> None:
     run, _, metrics = flown
-    page = (run.results / "scenario-1" / "latest" / "report.html").read_text()
+    page = (run.latest / "report.html").read_text()
     assert "MQTT-XT" in page
     assert "MAVLink" in page
     assert metrics["ratios"]["packets"] > 50
@@ -135,21 +134,19 @@ def test_ctrl_c_ends_all_containers_and_keeps_what_was_captured(tmp_path: Path) 
 def test_what_dies_in_mid_mission_is_named_with_its_last_words_and_the_rest_of_the_run_is_kept(tmp_path: Path) -> None:
     run = Run(tmp_path / "results")
     run.says("  arm ")
-    containers()["client3"].kill()  # type: ignore[attr-defined]
+    containers()["client3"].kill()
     run.says("over mavlink")
     run.wait_for(lambda: sum("  arm " in line for line in run.lines) == 2)
-    killed = containers()["router-fog1"].exec_run(["python3", "-c", KILL_ROUTER], user="1000:1000")  # type: ignore[attr-defined]
+    killed = containers()["router-fog1"].exec_run(["python3", "-c", KILL_ROUTER], user="1000:1000")
     assert killed.output == b"killed\n"
     assert run.wait() == 1
     assert "client3 ended with exit code 137; its last log lines:" in run.output
     assert "drone 3: heard its autopilot" in run.output
     assert "router-fog1 ended with exit code 1; its last log lines:" in run.output
     assert "mavp2p udps:198.18.11.3:14541 udpc:198.18.1.3:14541 --hb-systemid=221 ended with code" in run.output
-    series = run.results / "scenario-1" / "latest"
-    protocols = json.loads((series / "metrics.json").read_text())["protocols"]
     for protocol, dead in (("mqttxt", "client3"), ("mavlink", "router-fog1")):
-        (attempt,) = protocols[protocol]["attempts"]
+        (attempt,) = run.metrics()["protocols"][protocol]["attempts"]
         assert attempt["status"] == "failed"
         assert attempt["reason"].startswith(f"{dead} ended")
         assert attempt["packets"] > 0
-        assert f"{dead} ended" in (series / "report.html").read_text()
+        assert f"{dead} ended" in (run.latest / "report.html").read_text()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +30,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, Any]
     options = ("--protocols", "mqttxt", "--security", "signed")
     run = Run(folder / "results", *options, environment=quick_drones(folder))
     assert run.wait() == 0, run.output
-    metrics = json.loads((run.results / "scenario-1" / "latest" / "metrics.json").read_text())
-    return run, metrics["protocols"]["mqttxt"]["attempts"][0]
+    return run, run.metrics()["protocols"]["mqttxt"]["attempts"][0]
 
 
 def test_it_is_flown_and_every_figure_is_there(flown: tuple[Run, dict[str, Any]]) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import struct
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import ARP, Ether
 from scapy.packet import Raw
-from scapy.utils import RawPcapWriter
 
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm
@@ -40,10 +41,11 @@ def frame(
     identity: int,
     ports: tuple[int, int] = (40_000, 1883),
     sequence: int = 0,
+    nodes: Mapping[str, str] = NODES,
 ) -> bytes:
     """14 + 20 + 20 bytes of headers, then the body."""
     packet = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
-    packet /= IP(src=NODES[source], dst=NODES[destination], id=identity) / TCP(
+    packet /= IP(src=nodes[source], dst=nodes[destination], id=identity) / TCP(
         sport=ports[0], dport=ports[1], seq=sequence, flags="PA"
     )
     return bytes(packet / Raw(body) if body else packet)
@@ -51,11 +53,50 @@ def frame(
 
 def write_pcap(path: Path, frames: list[tuple[int, bytes]], append: bool = False) -> None:
     """Write a pcap with nanosecond timestamps, or append frames to one."""
-    with RawPcapWriter(str(path), linktype=1, nano=True, append=append) as writer:
-        if not append:
-            writer.write_header(None)
-        for t_ns, data in frames:
-            writer.write_packet(data, sec=t_ns // SECOND, usec=t_ns % SECOND)
+    parts = [] if append else [struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 262_144, 1)]
+    for t_ns, data in frames:
+        parts += [struct.pack("<IIII", t_ns // SECOND, t_ns % SECOND, len(data), len(data)), data]
+    with path.open("ab" if append else "wb") as file:
+        file.write(b"".join(parts))
+
+
+def write_captures(
+    attempt: Attempt,
+    captures: Mapping[str, list[tuple[int, bytes]]],
+    dropped: int = 0,
+    macs: Mapping[str, str] | None = None,
+) -> None:
+    """Write each node's capture, its frames in the order of time, and what each says of itself at its end."""
+    for node, frames in captures.items():
+        write_pcap(attempt.path / "pcap" / f"{node}.pcap", sorted(frames, key=lambda entry: entry[0]))
+    told = {"interface": "eth0", "captured": 3, "dropped": dropped}
+    counts = [{"node": node, **told, **({"mac": macs[node]} if macs else {})} for node in captures]
+    write_json(attempt.path / "pcap" / "captures.json", counts)
+
+
+def write_only(attempt: Attempt, **captures: list[tuple[int, bytes]]) -> None:
+    """Write captures with these frames, and none in those of all other nodes."""
+    for node in NODES:
+        write_pcap(attempt.path / "pcap" / f"{node}.pcap", captures.get(node, []))
+
+
+def write_lines(path: Path, lines: Iterable[dict[str, Any]]) -> None:
+    """Write events, one in each line."""
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def add_event(attempt: Attempt, event: dict[str, Any]) -> None:
+    """Put an event in its place among the mission's."""
+    events = sorted([*attempt.events(), event], key=lambda one: int(one["t_ns"]))
+    write_lines(attempt.path / "events.jsonl", events)
+
+
+def topology_of(nodes: Mapping[str, str], links: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
+    """A manifest's topology, of nodes with their addresses and of links with their names and both ends."""
+    return {
+        "nodes": [{"name": name, "address": address} for name, address in nodes.items()],
+        "links": [{"name": name, "lower": lower, "upper": upper} for name, lower, upper in links],
+    }
 
 
 def arm_command() -> bytes:
@@ -77,10 +118,7 @@ def manifest(**changed: Any) -> dict[str, Any]:
         "host": {"cores": 2, "machine": "x86_64", "python": "3.11.7"},
         "versions": {"mosquitto": "2.0.21"},
         "captures": [{"node": node, "captured": 3, "dropped": 0} for node in NODES],
-        "topology": {
-            "nodes": [{"name": name, "address": address} for name, address in NODES.items()],
-            "links": [{"name": name, "lower": lower, "upper": upper} for name, lower, upper in LINKS],
-        },
+        "topology": topology_of(NODES, LINKS),
     } | changed
 
 
@@ -116,10 +154,7 @@ def make_attempt(series: Series, number: int = 1, dropped: int = 0, **changed: A
     captures["uav1"].append((later + SECOND, frame("uav1", "fog1", b"", 7)))  # entered air:uav1:up and was lost
     captures["gs"].insert(0, (T0 - SECOND, frame("gs", "cloud", b"", 8)))  # before the mission
     captures["gs"].append((later, bytes(Ether() / ARP())))
-    for node, frames in captures.items():
-        write_pcap(attempt.path / "pcap" / f"{node}.pcap", sorted(frames, key=lambda entry: entry[0]))
-    counts = [{"node": node, "interface": "eth0", "captured": 3, "dropped": dropped} for node in NODES]
-    write_json(attempt.path / "pcap" / "captures.json", counts)
+    write_captures(attempt, captures, dropped)
     _write_events(attempt, later)
     return attempt
 
@@ -142,10 +177,10 @@ def _write_events(attempt: Attempt, later: int) -> None:
         ),
         {"t_ns": later + 6 * SECOND, "event": "mission_end", "status": "completed", "reason": None},
     ]
-    (attempt.path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    write_lines(attempt.path / "events.jsonl", events)
     flight = [
         {"t_ns": T0 + 3_000_000, "event": "armed"},
         {"t_ns": T0 + SECOND, "event": "position", "altitude_m": 5.0},
         {"t_ns": later + 5 * SECOND, "event": "disarmed"},
     ]
-    (attempt.path / "sitl" / "uav1.jsonl").write_text("".join(json.dumps(event) + "\n" for event in flight))
+    write_lines(attempt.path / "sitl" / "uav1.jsonl", flight)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +12,7 @@ from testbed.numbers.observed import observe
 from testbed.numbers.packets import table
 from testbed.numbers.quantities import ratios, statistics
 from testbed.numbers.statistics import loss_of
-from tests.handmade.attempts import SECOND, T0, manifest
+from tests.handmade.attempts import SECOND, T0, manifest, write_lines
 
 DRONES = (1, 2, 3, 4, 5, 6)
 FACTORS = {"streams": "px4-onboard", "commanding": "one-by-one", "qos": 0, "chain": "per-uav", "states": "on-change"}
@@ -32,7 +31,6 @@ def entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
     layers = {"payload": 0.2, "mqtt": 0.1, "tcp": 0.4, "ip": 0.2, "ethernet": 0.1}
     if protocol == "mavlink":
         layers = {"payload": 0.5, "mavlink": 0.1, "udp": 0.1, "ip": 0.2, "ethernet": 0.1}
-    names = ["wan:gs", "backhaul:fog1", "backhaul:fog2", *(f"air:uav{drone}" for drone in DRONES)]
     share = {"packets": PACKETS[protocol] // 18, "bytes": SIZES[protocol] // 18, "lost": 0}
     words = [{"command": c, "word": "completed", "reason": None, "after_ms": ms} for c, ms in _AFTER_MS.items()]
     commands, states = (6, 225) if protocol == "mqttxt" else (18, 65_000)
@@ -55,7 +53,7 @@ def entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
         "outcomes": {str(drone): words for drone in DRONES},
         "layers": {name: round(part * SIZES[protocol]) for name, part in layers.items()},
         "mqtt": {},
-        "links": {f"{name}:{way}": share for name in names for way in ("up", "down")},
+        "links": {f"{name}:{way}": share for name in LINKS for way in ("up", "down")},
         "before_mission": {"packets": 400, "bytes": 45_000},
         "foreign": {"arp": 17},
         "truncated": [],
@@ -152,6 +150,11 @@ def make_series(series: Series, *entries: tuple[str, dict[str, Any]], **changed:
             side["void"].append({"attempt": one["attempt"], "reason": one["reason"]})
         else:
             side["attempts"].append(one)
+    return write_metrics(series, protocols, **changed)
+
+
+def write_metrics(series: Series, protocols: dict[str, Any], **changed: Any) -> dict[str, Any]:
+    """Write and return the metrics of attempts that were counted, with what follows from them."""
     metrics = {
         "version": METRICS_VERSION,
         "experiment": "scenario-1",
@@ -177,10 +180,9 @@ def _write_attempt(series: Series, protocol: str, one: dict[str, Any]) -> Attemp
     told = {"status": one["status"], "reason": one["reason"], "configuration": FACTORS, "protocol": protocol}
     write_json(attempt.path / "manifest.json", manifest(**told))
     (attempt.path / "logs" / "gs.log").write_text("")
-    (attempt.path / "events.jsonl").write_text("".join(json.dumps(e) + "\n" for e in _events(protocol, one)))
+    write_lines(attempt.path / "events.jsonl", _events(protocol, one))
     for index, drone in enumerate(DRONES):
-        log = "".join(json.dumps(event) + "\n" for event in _flight(protocol, index))
-        (attempt.path / "sitl" / f"uav{drone}.jsonl").write_text(log)
+        write_lines(attempt.path / "sitl" / f"uav{drone}.jsonl", _flight(protocol, index))
     if not _WITHOUT_CAPTURES:
         _WITHOUT_CAPTURES.append(table.build(attempt))
     table._write(attempt.path, _WITHOUT_CAPTURES[0], table._sources(attempt))

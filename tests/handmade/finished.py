@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from testbed.fly.results import METRICS, REPORT, Series, open_series, write_json
-from testbed.numbers.metrics.series import METRICS_VERSION, schema_error
-from testbed.numbers.observed import observe
-from testbed.numbers.quantities import ratios, statistics
 from testbed.numbers.statistics import loss_of
-from tests.handmade.both_sides import messages, rich_entry
+from tests.handmade.both_sides import messages, rich_entry, write_metrics
 
 NAME = "20260101T000000Z"
 
@@ -64,20 +61,8 @@ def finished(
     voids = [{"attempt": number, "reason": reason} for number, reason in void]
     sides = {"mavlink": mavlink, "mqttxt": mqttxt}
     protocols = {p: {"attempts": flown, "void": voids} for p, flown in sides.items() if flown or void}
-    document = {
-        "version": METRICS_VERSION,
-        "experiment": experiment,
-        "arm": arm.partition("+")[0],
-        "profile": profile,
-        "revision": "c0ffee",
-        "shaper": "none",
-        "protocols": protocols,
-        "ratios": ratios(observe(protocols)),
-        "statistics": statistics(observe(protocols)),
-        "notes": [],
-    } | changed
-    assert schema_error(document) is None
-    write_json(series.path / METRICS, document)
+    flown_in = {"experiment": experiment, "arm": arm.partition("+")[0], "profile": profile}
+    write_metrics(series, protocols, **flown_in, **changed)
     (series.path / REPORT).write_text("<!doctype html><title>report</title>")
     return series
 

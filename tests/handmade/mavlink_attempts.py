@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import json
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import common
 
 from testbed.fly.results import Attempt, Series, new_attempt, write_json
-from tests.handmade.attempts import SECOND, T0, manifest
+from tests.handmade.attempts import SECOND, T0, manifest, topology_of, write_captures, write_lines
 
 MS = SECOND // 1000
 HOP = MS
@@ -134,15 +132,6 @@ def udp_frame(
     return head + body
 
 
-def write_capture(path: Path, frames: list[tuple[int, bytes]]) -> None:
-    """Write a pcap with nanosecond timestamps, at once."""
-    record = struct.Struct("<IIII")
-    parts = [struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 262_144, 1)]
-    for t_ns, data in sorted(frames, key=lambda entry: entry[0]):
-        parts += (record.pack(t_ns // SECOND, t_ns % SECOND, len(data), len(data)), data)
-    path.write_bytes(b"".join(parts))
-
-
 def sender(system: int, component: int = 1) -> common.MAVLink:
     """A codec that packs messages of one system; `packed` counts its sequence numbers."""
     return common.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -156,6 +145,20 @@ def packed(link: common.MAVLink, message: Any, version_1: bool = False) -> bytes
 
 def long_command(command: int, drone: int, *params: float) -> Any:
     return common.MAVLink_command_long_message(drone, 1, command, 0, *params, *[0.0] * (7 - len(params)))
+
+
+def armed(drones: tuple[int, ...] = (1,), direct: bool = False) -> Chain:
+    """A chain over which the ground station arms drone 1 at T0."""
+    chain = Chain(drones, direct)
+    chain.send(T0, packed(sender(245, 190), long_command(400, 1, 1.0)), 1, up=False)
+    return chain
+
+
+def mission(chain: Chain, calls: list[dict[str, Any]], end_s: float = 10.0) -> list[dict[str, Any]]:
+    """The events of a completed mission in which these calls were made; it ends so long after T0."""
+    start = {"t_ns": T0 - SECOND, "event": "mission_start", "scenario": "scenario-1", "drones": list(chain.drones)}
+    end = {"t_ns": T0 + int(end_s * SECOND), "event": "mission_end", "status": "completed", "reason": None}
+    return [start, *calls, end]
 
 
 def stream_message(name: str, t_ms: int) -> Any:
@@ -199,25 +202,14 @@ def make_mavlink_attempt(
 ) -> Attempt:
     """Make the attempt's folder with the chain's captures; every drone disarms `disarmed_s` after T0."""
     attempt = new_attempt(series, "mavlink", number)
-    topology = {
-        "nodes": [{"name": name, "address": address} for name, address in chain.nodes.items()],
-        "links": [{"name": name, "lower": lower, "upper": upper} for name, lower, upper in chain.links],
-    }
-    cpu_s = {"gs": 1.5, "router-gs": 0.25}
+    topology, cpu_s = topology_of(chain.nodes, chain.links), {"gs": 1.5, "router-gs": 0.25}
     write_json(
         attempt.path / "manifest.json",
         manifest(protocol="mavlink", topology=topology, cpu_s=cpu_s, configuration={"chain": routers}, **changed),
     )
-    for node, frames in chain.captures.items():
-        write_capture(attempt.path / "pcap" / f"{node}.pcap", frames)
-    counts = [{"node": node, "interface": "eth0", "captured": 3, "dropped": 0} for node in chain.nodes]
-    write_json(
-        attempt.path / "pcap" / "captures.json", [c | ({"mac": mac_of(str(c["node"]))} if mac else {}) for c in counts]
-    )
-    lines = "".join(json.dumps(event) + "\n" for event in events)
-    (attempt.path / "events.jsonl").write_text(lines)
+    write_captures(attempt, chain.captures, macs={node: mac_of(node) for node in chain.nodes} if mac else None)
+    write_lines(attempt.path / "events.jsonl", events)
+    flight = [{"t_ns": T0 + 1, "event": "armed"}, {"t_ns": T0 + int(disarmed_s * SECOND), "event": "disarmed"}]
     for drone in chain.drones:
-        flight = [{"t_ns": T0 + 1, "event": "armed"}, {"t_ns": T0 + int(disarmed_s * SECOND), "event": "disarmed"}]
-        text = "".join(json.dumps(event) + "\n" for event in flight)
-        (attempt.path / "sitl" / f"uav{drone}.jsonl").write_text(text)
+        write_lines(attempt.path / "sitl" / f"uav{drone}.jsonl", flight)
     return attempt

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +14,7 @@ from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, State
 from mqttxt.protocol.values import Encoding
 from testbed.fly.results import Attempt, Series, new_attempt, write_json
-from tests.handmade.attempts import LINKS, NODES, SECOND, T0, frame, manifest, publish, write_pcap
+from tests.handmade.attempts import NODES, SECOND, T0, frame, manifest, publish, write_captures, write_lines
 from tests.handmade.mavlink_attempts import (
     MS,
     Chain,
@@ -165,15 +164,17 @@ class Wire:
         if not how.get("lost"):
             self.segment(t_ns + MS // 2 + MS // 10, there, here, b"")
 
-    def down(self, t_ns: int, payload: bytes) -> None:
+    def down(self, t_ns: int, payload: bytes, lost: bool = False) -> None:
         self.carry(t_ns, "gs", "cloud", publish("fog1/drone1/commands", payload))
         self.carry(t_ns + MS, "cloud", "fog1", publish("fog1/drone1/commands", payload))
-        self.carry(t_ns + 2 * MS, "fog1", "uav1", publish("drone1/commands", payload))
+        self.carry(t_ns + 2 * MS, "fog1", "uav1", publish("drone1/commands", payload), lost=lost)
 
-    def up(self, t_ns: int, topic: str, payload: bytes, relayed: bytes | None = None) -> None:
+    def up(self, t_ns: int, topic: str, payload: bytes, relayed: bytes | None = None, lost: bool = False) -> None:
+        """Carry it to the ground station, unless it is lost between fog and cloud."""
         self.carry(t_ns, "uav1", "fog1", publish(f"drone1/{topic}", payload))
-        self.carry(t_ns + MS, "fog1", "cloud", publish(f"fog1/drone1/{topic}", relayed or payload))
-        self.carry(t_ns + 2 * MS, "cloud", "gs", publish(f"fog1/drone1/{topic}", relayed or payload))
+        self.carry(t_ns + MS, "fog1", "cloud", publish(f"fog1/drone1/{topic}", relayed or payload), lost=lost)
+        if not lost:
+            self.carry(t_ns + 2 * MS, "cloud", "gs", publish(f"fog1/drone1/{topic}", relayed or payload))
 
 
 _PORTS = {
@@ -201,13 +202,10 @@ def make_mqttxt_messages(series: Series, number: int = 1, **events: Any) -> Atte
     for name in COMMANDS:
         for place, t_ns in enumerate(call_times(name)):
             payload = command(_BODIES[name])
-            if name == "goto" and place == 1:
-                wire.carry(t_ns, "gs", "cloud", publish("fog1/drone1/commands", payload))
-                wire.carry(t_ns + MS, "cloud", "fog1", publish("fog1/drone1/commands", payload))
-                wire.carry(t_ns + 2 * MS, "fog1", "uav1", publish("drone1/commands", payload), lost=True)
+            is_lost = name == "goto" and place == 1
+            wire.down(t_ns, payload, is_lost)
+            if is_lost:
                 wire.carry(t_ns + 4 * MS, "fog1", "uav1", publish("drone1/commands", payload), again=True)
-            else:
-                wire.down(t_ns, payload)
             if name == "arm":
                 _state(wire, t_ns + 2 * MS, Battery(90), place)
             wire.up(t_ns + 6 * MS, f"commands_result/{name}", b"\x01")
@@ -218,29 +216,18 @@ def make_mqttxt_messages(series: Series, number: int = 1, **events: Any) -> Atte
         for place, t_ns in enumerate(call_times(name)):
             _state(wire, t_ns, _VALUES[name], 100 + 7 * t_ns // SECOND % 60_000, lost=name == "heading" and place == 1)
     attempt = new_attempt(series, "mqttxt", number)
-    topology = {
-        "nodes": [{"name": name, "address": address} for name, address in NODES.items()],
-        "links": [{"name": name, "lower": lower, "upper": upper} for name, lower, upper in LINKS],
-    }
-    told = manifest(experiment="messages", protocol="mqttxt", topology=topology, cpu_s={"gs": 0.5, "client1": 0.4})
+    told = manifest(experiment="messages", protocol="mqttxt", cpu_s={"gs": 0.5, "client1": 0.4})
     write_json(attempt.path / "manifest.json", told)
-    for node, frames in wire.captures.items():
-        write_pcap(attempt.path / "pcap" / f"{node}.pcap", sorted(frames, key=lambda entry: entry[0]))
-    counts = [{"node": node, "interface": "eth0", "captured": 3, "dropped": 0} for node in NODES]
-    write_json(attempt.path / "pcap" / "captures.json", counts)
-    lines = "".join(json.dumps(event) + "\n" for event in message_events(**events, age_ms=3))
-    (attempt.path / "events.jsonl").write_text(lines)
-    (attempt.path / "sitl" / "uav1.jsonl").write_text(json.dumps({"t_ns": T0 + SECOND, "event": "disarmed"}) + "\n")
+    write_captures(attempt, wire.captures)
+    write_lines(attempt.path / "events.jsonl", message_events(**events, age_ms=3))
+    write_lines(attempt.path / "sitl" / "uav1.jsonl", [{"t_ns": T0 + SECOND, "event": "disarmed"}])
     return attempt
 
 
 def _state(wire: Wire, t_ns: int, value: State, stamp: int, lost: bool = False) -> None:
     body = encode_state(StampedState(value, stamp), Encoding.CBOR)
     relayed = encode_state(StampedState(value, stamp, relay_stamp=5), Encoding.CBOR)
-    wire.carry(t_ns, "uav1", "fog1", publish(f"drone1/state/{value.name}", body))
-    wire.carry(t_ns + MS, "fog1", "cloud", publish(f"fog1/drone1/state/{value.name}", relayed), lost=lost)
-    if not lost:
-        wire.carry(t_ns + 2 * MS, "cloud", "gs", publish(f"fog1/drone1/state/{value.name}", relayed))
+    wire.up(t_ns, f"state/{value.name}", body, relayed, lost)
 
 
 _BODIES: dict[str, Command] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from html.parser import HTMLParser
@@ -12,19 +13,16 @@ import pytest
 from rich.console import Console
 
 from testbed.fly.results import Series
-from testbed.present.report import compare_page
 from testbed.present.report.figures import files
 from testbed.present.report.html import write_report
 from testbed.present.report.terminal import print_summary
-from testbed.present.summary import page as summary_page
 
 
 @contextmanager
 def sketched_papers() -> Iterator[None]:
     """Reduce figures for papers to their titles: drawing one takes a third of a second. `test_figures.py` tests one."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (compare_page, files, summary_page):
-            patch.setattr(module, "pdf", lambda drawing, title: f"%PDF {title}".encode())
+        patch.setattr(files, "pdf", lambda drawing, title: f"%PDF {title}".encode())
         yield
 
 
@@ -78,3 +76,8 @@ def terminal_of(series: Series, metrics: dict[str, Any], width: int = 140) -> st
     console = Console(file=StringIO(), width=width)
     print_summary(series, metrics, console)
     return console.file.getvalue()  # type: ignore[attr-defined, no-any-return]
+
+
+def cells_of(shown: str) -> list[list[str]]:
+    """The cells of each line of a terminal, which are two blanks apart at least."""
+    return [re.split(r" {2,}", line.strip()) for line in shown.splitlines()]

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from scapy.layers.inet import IP, TCP
-from scapy.layers.l2 import Ether
-from scapy.packet import Raw
-
 from testbed.fly.results import Attempt, Series, new_attempt, write_json
-from tests.handmade.attempts import SECOND, T0, manifest, write_pcap
+from tests.handmade.attempts import SECOND, T0, called, frame, manifest, topology_of, write_captures, write_lines
 
 MS = SECOND // 1000
 NODES = {
@@ -78,19 +73,10 @@ class Wire:
         ports = (40_000, 1883) if is_client else (1883, 40_000)
         sequence = self.sequences.get((source, destination), 0)
         self.sequences[source, destination] = sequence + len(body)
-        head = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
-        head /= IP(src=NODES[source], dst=NODES[destination], id=self.identity)
-        head /= TCP(sport=ports[0], dport=ports[1], seq=sequence, flags="PA" if body else "A")
-        data = bytes(head / Raw(body)) if body else bytes(head)
+        data = frame(source, destination, body, self.identity, ports, sequence, NODES)
         self.captures[source].append((t_ns, data))
         if arrives:
             self.captures[destination].append((t_ns + MS // 2, data))
-
-    def write(self, attempt: Attempt) -> None:
-        for node, frames in self.captures.items():
-            write_pcap(attempt.path / "pcap" / f"{node}.pcap", sorted(frames, key=lambda entry: entry[0]))
-        counts = [{"node": node, "interface": "eth0", "captured": 3, "dropped": 0} for node in NODES]
-        write_json(attempt.path / "pcap" / "captures.json", counts)
 
 
 def make_attempt(
@@ -103,23 +89,17 @@ def make_attempt(
 ) -> Attempt:
     """An attempt over MAVLink whose arm command is called at T0; `measured` has each drone's sensor's readings."""
     attempt = new_attempt(series, "mavlink", 1)
-    topology = {
-        "nodes": [{"name": name, "address": address} for name, address in NODES.items()],
-        "links": [{"name": name, "lower": lower, "upper": upper} for name, lower, upper in LINKS],
-    }
     settings = {"qos": 0, "states": "on-change", "streams": "px4-onboard", "SAMPLES": str(samples)}
-    told = manifest(experiment="scenario-4", topology=topology, configuration=settings, **changed)
+    told = manifest(experiment="scenario-4", topology=topology_of(NODES, LINKS), configuration=settings, **changed)
     write_json(attempt.path / "manifest.json", told | {"captures": [{"node": n, "dropped": 0} for n in NODES]})
-    wire.write(attempt)
+    write_captures(attempt, wire.captures)
     (attempt.path / "sensors").mkdir()
     for drone, readings in measured.items():
-        lines = "".join(json.dumps({"event": "reading", **reading}) + "\n" for reading in readings)
-        (attempt.path / "sensors" / f"sensor{drone}.jsonl").write_text(lines)
-    asked = {"t_ns": T0, "event": "command", "call": 1, "command": "arm", "fog": None, "drone": 1}
+        told_by_it = [{"event": "reading", **reading} for reading in readings]
+        write_lines(attempt.path / "sensors" / f"sensor{drone}.jsonl", told_by_it)
+    asked = called(T0, 1, "arm", 1, fog=None)
     ended = {"t_ns": T0 + 9 * SECOND, "event": "mission_end", "status": "completed", "reason": None}
-    lines = "".join(json.dumps(event) + "\n" for event in [asked, *events, ended])
-    (attempt.path / "events.jsonl").write_text(lines)
+    write_lines(attempt.path / "events.jsonl", [asked, *events, ended])
     for drone in (1, 2):
-        disarmed = json.dumps({"t_ns": T0 + 8 * SECOND, "event": "disarmed"}) + "\n"
-        (attempt.path / "sitl" / f"uav{drone}.jsonl").write_text(disarmed)
+        write_lines(attempt.path / "sitl" / f"uav{drone}.jsonl", [{"t_ns": T0 + 8 * SECOND, "event": "disarmed"}])
     return attempt

@@ -90,11 +90,8 @@ def browser() -> Iterator[LivePage]:
 @pytest.fixture(scope="session")
 def link() -> Iterator[ShapedLink]:
     """Two nodes and the network between them, in containers; each test starts on it what it needs."""
-    made = ShapedLink()
-    try:
-        yield made.up()
-    finally:
-        made.down()
+    with ShapedLink() as made:
+        yield made
 
 
 @pytest.fixture(scope="module")

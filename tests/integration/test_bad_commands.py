@@ -6,18 +6,19 @@ import asyncio
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cbor2
 import pytest
-from paho.mqtt.client import Client
-from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.client import MQTTMessage
 
 from mqttxt import Arm, Goto, GroundStation, Word
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import CommandMessage, FogResultMessage, ResultMessage
 from tests.rigs import prefork
+from tests.rigs.plain_client import plain_client
 from tests.rigs.processes import Process, System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -61,31 +62,22 @@ BAD_JSON: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-class Wire:
-    """A client without MQTT-XT's rules: it publishes anything and hears the results."""
+class Answers:
+    """The word and reason of each command, by its station's session and its number."""
 
-    def __init__(self, port: int, results: str) -> None:
-        self.heard: dict[int, tuple[Word, str]] = {}
-        self._client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)
-        self._client.on_message = self._on_message
-        self._client.connect("127.0.0.1", port)
-        self._client.subscribe(results, qos=1)
-        self._client.loop_start()
+    def __init__(self) -> None:
+        self.heard: dict[tuple[int, int], tuple[Word, str]] = {}
 
-    def publish(self, topic: str, payload: bytes, retain: bool = False) -> None:
-        self._client.publish(topic, payload, qos=1, retain=retain)
+    def has(self, count: int) -> bool:
+        return len(self.heard) == count
 
-    def close(self) -> None:
-        self._client.disconnect()
-        self._client.loop_stop()
-
-    def _on_message(self, _client: Any, _userdata: Any, message: Any) -> None:
+    def take(self, message: MQTTMessage) -> None:
         if "/drone" in f"/{message.topic}":
             said = decode(ResultMessage, message.payload)
-            self.heard[said.seq] = (said.word, said.reason or "")
+            self.heard[said.gs_session, said.seq] = (said.word, said.reason or "")
         else:
             answer = decode(FogResultMessage, message.payload)
-            self.heard[answer.seq] = (Word.DENIED, answer.denied or "")
+            self.heard[answer.gs_session, answer.seq] = (Word.DENIED, answer.denied or "")
 
 
 def malformed(session: int) -> list[tuple[bytes, str]]:
@@ -106,16 +98,6 @@ def malformed(session: int) -> list[tuple[bytes, str]]:
     return found
 
 
-async def answers(port: int, topic: str, results: str, payloads: list[bytes]) -> dict[int, tuple[Word, str]]:
-    """What is said of each payload on a topic, by its sequence number."""
-    wire = Wire(port, results)
-    for payload in payloads:
-        wire.publish(topic, payload)
-    await eventually(lambda: len(wire.heard) == len(payloads), f"an answer to each on {results}")
-    wire.close()
-    return wire.heard
-
-
 async def test_every_malformed_command_is_denied_with_its_field_by_whoever_gets_it(system: System) -> None:
     ways = (
         (system.cloud.port, "fog1/drone1/commands", "fog1/drone1/commands_result/#"),
@@ -123,10 +105,13 @@ async def test_every_malformed_command_is_denied_with_its_field_by_whoever_gets_
         (system.cloud.port, "fog1/commands", "fog1/commands_result/#"),
     )
     for session, (port, topic, results) in enumerate(ways, start=STRANGER):  # an id is answered once a second
-        cases = malformed(session)
-        heard = await answers(port, topic, results, [payload for payload, _ in cases])
+        cases, answers = malformed(session), Answers()
+        with plain_client(port, results, heard=answers.take) as client:
+            for payload, _ in cases:
+                client.publish(topic, payload, qos=1)
+            await eventually(partial(answers.has, len(cases)), f"an answer to each on {results}")
         for seq, (_, said) in enumerate(cases):
-            word, reason = heard[seq]
+            word, reason = answers.heard[session, seq]
             assert word is Word.DENIED
             assert said in reason
     assert [system.commanded(1, number) for number in (ARM, TAKEOFF, REPOSITION)] == [[], [], []]
@@ -153,18 +138,16 @@ async def test_well_formed_commands_that_may_not_be_executed_are_denied_with_the
             ("drone9/commands", {"deadline_ms": soon}, False, "unreachable", ""),
             ("commands", {"deadline_ms": soon, "command": Goto(47.0, 8.0, 10.0)}, False, "denied", "not_broadcastable"),
         ]
-        wire = Wire(system.cloud.port, "fog1/+/commands_result/#")
-        fog_wire = Wire(system.cloud.port, "fog1/commands_result/#")
-        for seq, (rest, changed, retained, _, _) in enumerate(cases):
-            message = CommandMessage(gs_session=STRANGER, seq=seq, **{**common, **changed})
-            wire.publish(f"fog1/{rest}", encode(message), retain=retained)
-        await eventually(lambda: len(wire.heard) + len(fog_wire.heard) == len(cases), "an answer to each")
-        heard = {**wire.heard, **fog_wire.heard}
-        wire.publish("fog1/drone1/commands", b"", retain=True)
-        wire.close()
-        fog_wire.close()
+        answers, results = Answers(), ("fog1/+/commands_result/#", "fog1/commands_result/#")
+        with plain_client(system.cloud.port, *results, heard=answers.take) as client:
+            for seq, (rest, changed, retained, _, _) in enumerate(cases):
+                message = CommandMessage(gs_session=STRANGER, seq=seq, **{**common, **changed})
+                client.publish(f"fog1/{rest}", encode(message), qos=1, retain=retained)
+            await eventually(partial(answers.has, len(cases)), "an answer to each")
+            client.publish("fog1/drone1/commands", b"", qos=1, retain=True)
         for seq, (_, _, _, word, reason) in enumerate(cases):
-            assert (heard[seq][0].label, heard[seq][1]) == (word, reason), cases[seq]
+            said, why = answers.heard[STRANGER, seq]
+            assert (said.label, why) == (word, reason), cases[seq]
     assert system.commanded(1, ARM) == []
 
 

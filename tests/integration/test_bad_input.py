@@ -9,23 +9,15 @@ from pathlib import Path
 
 import cbor2
 import pytest
-from paho.mqtt.client import Client
-from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
-from mqttxt import GroundStation, Word
+from mqttxt import GroundStation
 from tests.rigs import prefork
+from tests.rigs.plain_client import plain_client
 from tests.rigs.processes import Broker, System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 GARBAGE_EACH = 40
-
-
-def _client(port: int) -> Client:
-    client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)
-    client.connect("127.0.0.1", port)
-    client.loop_start()
-    return client
 
 
 def _garbage(seed: int) -> list[bytes]:
@@ -43,46 +35,28 @@ def _garbage(seed: int) -> list[bytes]:
 
 
 async def test_garbage_on_every_topic_ends_nothing_and_is_answered_where_an_answer_is_due(system: System) -> None:
-    cloud, fog_broker = _client(system.cloud.port), _client(system.fog.port)
     rests = ("init_connect", "commands", "drone1/commands", "drone1/reachable", "reachable", "clock", "drone1/nothing")
     below = ("drone1/commands", "drone1/init_connect", "drone1/reachable", "drone1/clock", "drone1/state/battery")
-    for number, garbage in enumerate(_garbage(1)):
-        for rest in rests:
-            cloud.publish(f"fog1/{rest}", garbage, qos=number % 2)
-        for rest in (*below, "drone1/state/x", "drone1/commands_result/arm", "drone999/clock", "x/reachable"):
-            fog_broker.publish(rest, garbage, qos=number % 2)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        for garbage in _garbage(2):
-            sock.sendto(garbage[:1000], ("127.0.0.1", system.autopilots[1]))
+    with plain_client(system.cloud.port) as cloud, plain_client(system.fog.port) as fog_broker:
+        for number, garbage in enumerate(_garbage(1)):
+            for rest in rests:
+                cloud.publish(f"fog1/{rest}", garbage, qos=number % 2)
+            for rest in (*below, "drone1/state/x", "drone1/commands_result/arm", "drone999/clock", "x/reachable"):
+                fog_broker.publish(rest, garbage, qos=number % 2)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            for garbage in _garbage(2):
+                sock.sendto(garbage[:1000], ("127.0.0.1", system.autopilots[1]))
 
-    async with GroundStation(system.cloud.url) as station:
-        (fog,) = await station.connect([1])
-        await eventually(lambda: fog.drone(1).is_reachable, "drone 1 is (again) reachable")
-        assert (await fog.drone(1).arm()).completed
-    for client in (cloud, fog_broker):
-        client.disconnect()
-        client.loop_stop()
+        async with GroundStation(system.cloud.url) as station:
+            (fog,) = await station.connect([1])
+            await eventually(lambda: fog.drone(1).is_reachable, "drone 1 is (again) reachable")
+            assert (await fog.drone(1).arm()).completed
     assert [process.exit_code for process in (system.activator, *system.uavs.values())] == [None] * 3
     for process in (system.activator, system.uavs[1]):
         warnings = [line for line in process.log.read_text().splitlines() if "further ones are counted" in line]
         kinds = [line.split("mqttxt: ")[1].split(":")[0] for line in warnings]
         assert "malformed" in kinds
         assert len(kinds) == len(set(kinds)), "each kind is logged once"
-
-
-async def test_a_malformed_command_with_an_id_is_denied(system: System) -> None:
-    heard: list[bytes] = []
-    listener = _client(system.cloud.port)
-    listener.on_message = lambda _c, _u, message: heard.append(message.payload)
-    listener.subscribe("fog1/drone1/commands_result/#", qos=1)
-    listener.publish("fog1/drone1/commands", cbor2.dumps([1, 77, 5, 1, 1000, "soon", 1]), qos=1)
-    await eventually(lambda: bool(heard), "an answer")
-    plain = cbor2.loads(heard[0])
-    listener.disconnect()
-    listener.loop_stop()
-    assert plain[1:3] == [77, 5]
-    assert plain[6] == Word.DENIED
-    assert "limit_s: expected a whole number" in plain[7]
 
 
 def _run(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import closing
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import pytest
 
 from mqttxt import FogUnreachable, Stream
-from tests.rigs.cluster import NODES, Cluster, ClusteredSystem
+from tests.rigs.cluster import FORMING_S, NODES, Cluster, ClusteredSystem
 from tests.rigs.processes import PATIENCE_S, eventually, wait_until
 from tests.rigs.salvo import Salvo, aloft
 
@@ -36,11 +37,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 @pytest.fixture
 async def system(cluster: Cluster, tmp_path: Path) -> AsyncIterator[ClusteredSystem]:
-    found = ClusteredSystem(tmp_path, cluster.fleets["acme"])
-    try:
-        yield await asyncio.to_thread(found.start)
-    finally:
-        await asyncio.to_thread(found.close)
+    async with ClusteredSystem.running(tmp_path, cluster.fleets["acme"]) as found:
+        yield found
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -103,6 +101,21 @@ async def test_two_nodes_that_reach_the_third_but_not_each_other_make_no_command
         counts = salvo.verdict("without a link")
         assert counts["executed"] >= TIMES * BEFORE
         assert counts["sent"] + counts["unsent"] == TIMES * (BEFORE + LONG)
+
+
+def test_a_node_that_starts_without_a_link_to_another_one_is_given_no_clients(cluster: Cluster) -> None:
+    """Nor for the time after which it is known that a third node sees both."""
+    _, other, starting = NODES
+    cluster.kill(starting)
+    cluster.cut_link(other, starting)
+    began = datetime.now(UTC)
+    cluster.start_again(starting)
+    wait_until(lambda: "takes no clients" in cluster.said(starting, began), "it has looked", FORMING_S)
+    assert not cluster.serves(starting)
+    assert f"Server nodes/{starting} is UP" not in cluster.said("balancer", began)
+    cluster.mend_link(other, starting)
+    cluster.wait_formed()
+    wait_until(partial(cluster.serves, starting), f"{starting} takes clients again")
 
 
 def _ends(cluster: Cluster) -> tuple[str, str]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import socket
 import ssl
-from collections.abc import AsyncIterator, Iterator
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,7 @@ from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
 from tests.rigs.cluster import NODES, Carried, Cluster, ClusteredSystem
-from tests.rigs.processes import PATIENCE_S, eventually
+from tests.rigs.processes import PATIENCE_S, eventually, wait_until
 from tests.rigs.salvo import aloft
 from tests.rigs.secure import Node
 
@@ -27,6 +29,9 @@ FLEETS = ("acme", "north")
 NAMES = ("broker-fog1", "fog1", "drone1", "drone2")
 TOPICS = {"fog1/reachable": ("fog1", "gs-ops"), "fog1/drone1/commands": ("gs-ops", "fog1")}
 """Who says what to whom, in each fleet."""
+FAILS = """[exit(Listener, kill) || {{fleet, {<<"acme">>, _}, _}, Listener, _, _} <-
+ supervisor:which_children(rabbit_mqtt_sup)]."""
+"""Ends a node's listener of the fleet acme."""
 
 
 @pytest.fixture(scope="module")
@@ -36,15 +41,6 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         for name in FLEETS:
             found.add(name, NAMES)
         yield found.start()
-
-
-@pytest.fixture
-async def flying(cluster: Cluster, tmp_path: Path) -> AsyncIterator[ClusteredSystem]:
-    found = ClusteredSystem(tmp_path, cluster.fleets["acme"])
-    try:
-        yield await asyncio.to_thread(found.start)
-    finally:
-        await asyncio.to_thread(found.close)
 
 
 def node(fleet: Carried, name: str, hears: str) -> Node:
@@ -57,14 +53,16 @@ def answer(fleet: Carried, identity: Path, more: bytes = b"", flags: int = 2) ->
         return sock.recv(4)
 
 
-def connected(fleet: Carried, identity: Path, more: bytes = b"", flags: int = 2) -> ssl.SSLSocket:
-    """A connection on which the CONNECT of the client id "same" was sent, to a broker that is not checked."""
+def connected(
+    fleet: Carried, identity: Path, more: bytes = b"", flags: int = 2, client: bytes = b"same"
+) -> ssl.SSLSocket:
+    """A connection on which the CONNECT of a client id of four letters was sent, to a broker that is not checked."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     context.load_cert_chain(identity / "certificate.pem", identity / "identity.pem")
     address = fleet.address
     sock = context.wrap_socket(socket.create_connection((address.host, address.port), timeout=10))
-    body = b"\0\4MQTT\5" + bytes([flags]) + b"\0\x3c\0\0\4same" + more
+    body = b"\0\4MQTT\5" + bytes([flags]) + b"\0\x3c\0\0\4" + client + more
     sock.sendall(bytes([0x10, len(body)]) + body)
     return sock
 
@@ -130,35 +128,94 @@ def test_who_connects_after_a_renewal_is_shown_the_new_certificate(cluster: Clus
     north = cluster.fleets["north"]
     north.authority.renew("broker-cloud")
     cluster.write("north")
-    for name in NODES:
-        cluster.control(name, "eval", "ssl:clear_pem_cache().")
-    with connected(north, north.identity("gs-ops")) as sock:
-        shown = sock.getpeercert(binary_form=True)
     pem = (north.identity("broker-cloud") / "certificate.pem").read_text()
-    assert shown == ssl.PEM_cert_to_DER_cert(pem)
+    new = ssl.PEM_cert_to_DER_cert(pem)
+    wait_until(lambda: shown_by_all(north) == {new}, "the nodes have read the new certificate", 20)
 
 
-async def test_a_fleet_comes_and_goes_while_another_one_flies(
-    cluster: Cluster, flying: ClusteredSystem, tmp_path: Path
+def shown_by_all(fleet: Carried) -> set[bytes | None]:
+    """The certificates of as many connections as reach every node."""
+    with ExitStack() as open_ones:
+        made = [open_ones.enter_context(connected(fleet, fleet.identity("gs-ops"))) for _ in range(2 * len(NODES))]
+        return {each.getpeercert(binary_form=True) for each in made}
+
+
+def test_an_authority_that_replaces_a_fleets_first_one_is_the_only_one_at_once(
+    cluster: Cluster, tmp_path: Path
 ) -> None:
-    async with cluster.fleets["acme"].station() as station:
+    """It comes between two looks of the nodes, as in a copy of the folder; somebody of the first is still connected."""
+    old = cluster.add("east", NAMES)
+    cluster.tell()
+    wait_until(lambda: is_taken(old), "the nodes have opened the fleet's port")
+    with ExitStack() as open_ones:
+        clients = (b"old%d" % n for n in range(2 * len(NODES)))
+        made = [open_ones.enter_context(connected(old, old.identity("gs-ops"), client=one)) for one in clients]
+        assert {each.recv(256)[0] for each in made} == {0x20}
+        new = replace(old, authority=Authority.create(tmp_path / "east", "east"))
+        new.authority.issue("broker-cloud")
+        new.authority.issue("gs-ops", Rights(None))
+        for name in ("fleet.pem", "certificate.pem", "identity.pem"):
+            shutil.copyfile(new.identity("broker-cloud") / name, cluster.folder_of("east") / name)
+        wait_until(lambda: is_taken(new), "the new authority's are taken")
+        assert {each.recv(256)[:1] for each in made} <= {b"", b"\xe0"}
+    for _ in NODES:
+        with pytest.raises(ssl.SSLError, match="UNKNOWN_CA"):
+            answer(new, old.identity("gs-ops"))
+
+
+def is_taken(fleet: Carried) -> bool:
+    """Whether a fleet's station is let in, on as many connections at once as reach every node."""
+    try:
+        with ExitStack() as open_ones:
+            clients = (b"new%d" % n for n in range(2 * len(NODES)))
+            made = [open_ones.enter_context(connected(fleet, fleet.identity("gs-ops"), client=one)) for one in clients]
+            return {(said[0], said[3]) for said in (each.recv(4) for each in made)} == {(0x20, 0)}
+    except (OSError, IndexError):
+        return False
+
+
+def test_a_listener_that_fails_is_opened_again_and_ends_no_connection_of_another_fleet(cluster: Cluster) -> None:
+    acme, north = (cluster.fleets[name] for name in FLEETS)
+    with connected(acme, acme.identity("gs-ops")) as mine, connected(north, north.identity("gs-ops")) as theirs:
+        assert (mine.recv(256)[0], theirs.recv(256)[0]) == (0x20, 0x20)
+        for name in NODES:
+            cluster.control(name, "eval", FAILS)
+        assert mine.recv(256) == b""
+        theirs.sendall(b"\xc0\0")
+        assert theirs.recv(2) == b"\xd0\0"
+    wait_until(lambda: is_taken(acme), "the nodes listen for the fleet again")
+
+
+def test_files_that_the_nodes_may_not_read_yet_change_nothing(cluster: Cluster) -> None:
+    """Who writes them as another user gives them to that of the nodes only afterwards."""
+    acme = cluster.fleets["acme"]
+    key = cluster.folder_of("acme") / "identity.pem"
+    with connected(acme, acme.identity("gs-ops")) as mine:
+        assert mine.recv(256)[0] == 0x20
+        key.chmod(0)
+        looked = cluster.add("west", NAMES)
+        cluster.tell()
+        wait_until(lambda: is_taken(looked), "the nodes have looked")
+        mine.sendall(b"\xc0\0")
+        assert mine.recv(2) == b"\xd0\0"
+        key.chmod(0o600)
+
+
+async def test_a_fleet_comes_and_goes_while_another_one_flies(cluster: Cluster, tmp_path: Path) -> None:
+    acme = cluster.fleets["acme"]
+    async with ClusteredSystem.running(tmp_path, acme) as flying, acme.station() as station:
         (fog,) = await station.connect([1], timeout_s=PATIENCE_S)
         salvo = await aloft(flying, fog)
         firing = asyncio.create_task(salvo.fire(fog, SENT))
         (tmp_path / "south").mkdir()
         south = cluster.add("south", NAMES)
         await asyncio.to_thread(cluster.tell)
-        system = ClusteredSystem(tmp_path / "south", south)
-        try:
-            await asyncio.to_thread(system.start)
-            async with south.station() as theirs:
-                (their_fog,) = await theirs.connect([1], timeout_s=PATIENCE_S)
-                await eventually(lambda: their_fog.drone(1).is_controlled, "the new fleet's drone is controlled")
-                assert (await their_fog.drone(1).arm()).completed
-                cluster.take_out("south")
-                await eventually(lambda: not their_fog.is_live, "the nodes have closed the fleet's port")
-        finally:
-            await asyncio.to_thread(system.close)
+        async with ClusteredSystem.running(tmp_path / "south", south) as system, south.station() as theirs:
+            (their_fog,) = await theirs.connect([1], timeout_s=PATIENCE_S)
+            await eventually(lambda: their_fog.drone(1).is_controlled, "the new fleet's drone is controlled")
+            assert (await their_fog.drone(1).arm()).completed
+            cluster.take_out("south")
+            await eventually(lambda: not their_fog.is_live, "the nodes have closed the fleet's port")
         await firing
         counts = salvo.verdict("a fleet comes and goes")
         assert (counts["sent"], counts["unsent"]) == (SENT, 0)

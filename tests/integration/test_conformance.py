@@ -11,6 +11,7 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,7 @@ from mqttxt_conformance.sealed import Folder
 from mqttxt_conformance.uav import UavTarget, check_uav
 from tests import lateness
 from tests.rigs import prefork
-from tests.rigs.kit_checks import Checked, Expected, check, said
+from tests.rigs.kit_checks import Checked, Expected, check, finder, said
 from tests.rigs.processes import Broker, free_port
 from tests.rigs.secure import SecureBroker
 
@@ -212,6 +213,8 @@ class Checks:
         self.stations = {name: own_fleet(folder / name) for name in [*SECURED_GS, *SIGNED_GS_VARIANTS]}
         names = [SIGNED_ACTIVATOR, *SIGNED_ACTIVATOR_VARIANTS]
         self.activators = {name: own_fleet(folder / name, "broker-fog1") for name in names}
+        fleets = (*self.stations.values(), *self.activators.values())
+        self.brokers = [self.cloud, self.fog, self.second, self.secured, *(each for _, own in fleets for each in own)]
         self.found: dict[str, list[Finding]] = {}
         self._gate = asyncio.Semaphore(at_once)
 
@@ -239,108 +242,76 @@ class Checks:
         await asyncio.gather(*(jobs[name]() for name in jobs if name in self.names))
 
     async def _uav(self, variant: str, drone: int, two: bool = False, keyed: bool = False) -> None:
-        port, second = free_port(socket.SOCK_DGRAM), BrokerAddress.parse(self.second.url) if two else None
-        options = ["--drone", "{drone}", "--broker", "{broker}", "--autopilot", "{autopilot}"]
-        files = ["--journal", str(self.folder / f"{variant}.journal")]
-        files += ["--second-broker", "{second_broker}"] if two else []
-        values = {"drone": str(drone), "broker": self.fog.url, "autopilot": f"udp:127.0.0.1:{port}"}
-        values["second_broker"] = self.second.url
-        is_own = variant in ("uav", KEYED_UAV, TWO_LINKS)
-        how = "uav" if is_own else variant
-        if is_own or variant in STARTED:
-            files += ["--audit", "{audit}"]
-        files += ["--mavlink-key", "{mavlink_key}"] if keyed else []
-        async with self._gate, self._implementation("uav", how, [*options, *files], values) as line:
-            log = self.folder / f"{variant}.log"
-            target = UavTarget(drone, "127.0.0.1", port, run=line, log=log, second=second)
-            self.found[variant] = await check_uav(BrokerAddress.parse(self.fog.url), target, lambda finding: None)
+        options = ["--second-broker", "{second_broker}"] if two else []
+        options += ["--mavlink-key", "{mavlink_key}"] if keyed else []
+        second = BrokerAddress.parse(self.second.url) if two else None
+        await self._check_uav(variant, drone, BrokerAddress.parse(self.fog.url), options, second=second)
 
     async def _secured_uav(self, variant: str, signed: bool) -> None:
-        port, drone = free_port(socket.SOCK_DGRAM), self.drones[variant]
-        options = [
-            "--drone",
-            "{drone}",
-            "--broker",
-            "{broker}",
-            "--autopilot",
-            "{autopilot}",
-            "--identity",
-            "{identity}",
-        ]
+        drone, options = self.drones[variant], ["--identity", "{identity}"]
         options += ["--signed", "--fog", "{fog}"] if signed else []
-        options += ["--journal", str(self.folder / f"{variant}.journal")]
-        options += ["--audit", "{audit}"] if variant in SECURED else []
-        address = self.secured.address
-        values = {"drone": str(drone), "broker": str(address), "autopilot": f"udp:127.0.0.1:{port}", "fog": "1"}
-        values["identity"] = str(self.authority.folder / f"drone{drone}")
-        how = "uav" if variant in SECURED else variant
         folder = Folder(self.authority.folder, signed)
-        async with self._gate, self._implementation("uav", how, options, values) as line:
-            log = self.folder / f"{variant}.log"
-            target = UavTarget(drone, "127.0.0.1", port, run=line, log=log, folder=folder)
-            self.found[variant] = await check_uav(address, target, lambda finding: None)
+        await self._check_uav(variant, drone, self.secured.address, options, folder=folder)
+
+    async def _check_uav(self, variant: str, drone: int, broker: BrokerAddress, options: list[str], **how: Any) -> None:
+        port, log = free_port(socket.SOCK_DGRAM), self.folder / f"{variant}.log"
+        usual = ["--drone", "{drone}", "--broker", "{broker}", "--autopilot", "{autopilot}"]
+        usual += ["--journal", str(self.folder / f"{variant}.journal")]
+        values = {"drone": str(drone), "broker": str(broker), "autopilot": f"udp:127.0.0.1:{port}", "fog": "1"}
+        values |= {"second_broker": self.second.url, "identity": str(self.authority.folder / f"drone{drone}")}
+        async with self._gate, self._implementation("uav", variant, [*usual, *options], values) as line:
+            target = UavTarget(drone, "127.0.0.1", port, run=line, log=log, **how)
+            self.found[variant] = await check_uav(broker, target, lambda finding: None)
 
     async def _activator(self, variant: str, fog: int, two: bool = False) -> None:
-        brokers = ["--cloud", "{broker}", "--fog-broker", "{fog_broker}"]
-        options = ["--fog", "{fog}", "--fog-root", "{fog_root}", "--drones", "{drones}", *brokers]
         root = f"fog{fog}/local/"
-        values = {"fog": str(fog), "fog_root": root, "drones": "1,2"}
-        values |= {"broker": self.cloud.url, "fog_broker": self.fog.url}
-        addresses = BrokerAddress.parse(self.cloud.url), BrokerAddress.parse(self.fog.url)
-        options += ["--second-fog-broker", "{second_fog_broker}"] if two else []
-        values["second_fog_broker"] = self.second.url
+        options = ["--fog-root", "{fog_root}", *(["--second-fog-broker", "{second_fog_broker}"] if two else [])]
+        brokers = BrokerAddress.parse(self.cloud.url), BrokerAddress.parse(self.fog.url)
         second = BrokerAddress.parse(self.second.url) if two else None
-        how = "activator" if variant == TWO_BROKERS else variant
-        options += ["--audit", "{audit}"] if how == "activator" or variant in STARTED else []
-        async with self._gate, self._implementation("activator", how, options, values) as line:
-            log = self.folder / f"{variant}.log"
-            target = ActivatorTarget(fog, fog_root=root, run=line, log=log, second=second)
-            self.found[variant] = await check_activator(*addresses, target, lambda finding: None)
-
-    async def _gs(self, variant: str, fog: int) -> None:
-        what = "none" if variant == "gs" else variant
-        line = " ".join([sys.executable, BROKEN, what, "gs", "{broker}", "{fog}", "{drone}"])
-        target = GsTarget(fog, drone=1, run=line, log=self.folder / f"{variant}.log")
-        async with self._gate:
-            self.found[variant] = await check_gs(BrokerAddress.parse(self.cloud.url), target, lambda finding: None)
-
-    def brokers(self) -> list[SecureBroker]:
-        """Those with identities."""
-        return [
-            self.secured,
-            *(broker for own in (self.stations, self.activators) for _, found in own.values() for broker in found),
-        ]
+        await self._check_activator(variant, fog, *brokers, options, fog_root=root, second=second)
 
     async def _signed_activator(self, variant: str) -> None:
         folder, (cloud, fog) = self.activators[variant]
-        addresses = {"broker": str(cloud.address), "fog_broker": str(fog.address)}
-        values = {**addresses, "fog": "1", "drones": "1,2", "identity": str(folder / "fog1")}
-        options = ["--fog", "{fog}", "--drones", "{drones}", "--cloud", "{broker}", "--fog-broker", "{fog_broker}"]
-        options += ["--identity", "{identity}", "--signed", "--signed-readings"]
-        how = "activator" if variant == SIGNED_ACTIVATOR else variant
-        async with self._gate, self._implementation("activator", how, options, values) as line:
-            log = self.folder / f"{variant}.log"
-            target = ActivatorTarget(1, run=line, log=log, folder=Folder(folder, True, signed_readings=True))
-            self.found[variant] = await check_activator(cloud.address, fog.address, target, lambda finding: None)
+        options = ["--identity", "{identity}", "--signed", "--signed-readings"]
+        signing = Folder(folder, True, signed_readings=True)
+        await self._check_activator(variant, 1, cloud.address, fog.address, options, folder=signing)
+
+    async def _check_activator(
+        self, variant: str, fog: int, cloud: BrokerAddress, fogs: BrokerAddress, options: list[str], **how: Any
+    ) -> None:
+        usual = ["--fog", "{fog}", "--drones", "{drones}", "--cloud", "{broker}", "--fog-broker", "{fog_broker}"]
+        values = {"fog": str(fog), "drones": "1,2", "broker": str(cloud), "fog_broker": str(fogs)}
+        values |= {"fog_root": how.get("fog_root", ""), "second_fog_broker": self.second.url}
+        values["identity"] = str(how["folder"].path / "fog1") if "folder" in how else ""
+        async with self._gate, self._implementation("activator", variant, [*usual, *options], values) as line:
+            target = ActivatorTarget(fog, run=line, log=self.folder / f"{variant}.log", **how)
+            self.found[variant] = await check_activator(cloud, fogs, target, lambda finding: None)
+
+    async def _gs(self, variant: str, fog: int) -> None:
+        await self._check_gs(variant, fog, BrokerAddress.parse(self.cloud.url), [])
 
     async def _secured_gs(self, variant: str, signed: bool) -> None:
         folder, (broker,) = self.stations[variant]
-        what = "none" if variant in SECURED_GS else variant
-        words = [BROKEN, what, "gs", "{broker}", "{fog}", "{drone}", "{identity}", *(["signed"] if signed else [])]
-        log = self.folder / f"{variant}.log"
-        line = " ".join([sys.executable, *words])
-        target = GsTarget(1, drone=1, run=line, log=log, folder=Folder(folder, signed, signed_readings=signed))
+        signing = Folder(folder, signed, signed_readings=signed)
+        words = ["{identity}", *(["signed"] if signed else [])]
+        await self._check_gs(variant, 1, broker.address, words, folder=signing)
+
+    async def _check_gs(self, variant: str, fog: int, broker: BrokerAddress, words: list[str], **how: Any) -> None:
+        what = "none" if variant in OWN else variant
+        line = " ".join([sys.executable, BROKEN, what, "gs", "{broker}", "{fog}", "{drone}", *words])
+        target = GsTarget(fog, drone=1, run=line, log=self.folder / f"{variant}.log", **how)
         async with self._gate:
-            self.found[variant] = await check_gs(broker.address, target, lambda finding: None)
+            self.found[variant] = await check_gs(broker, target, lambda finding: None)
 
     @contextlib.asynccontextmanager
     async def _implementation(
         self, role: str, variant: str, options: list[str], values: dict[str, str]
     ) -> AsyncIterator[str | None]:
         """The command line with which the kit starts it; a broken one runs already, unless its rule needs a start."""
-        if variant == role or variant in STARTED:
-            what = ["-m", "mqttxt"] if variant == role else [BROKEN, variant]
-            yield " ".join([sys.executable, *what, role, *options])
+        if variant in OWN or variant in STARTED:
+            what = ["-m", "mqttxt"] if variant in OWN else [BROKEN, variant]
+            audit = [] if variant == SIGNED_ACTIVATOR else ["--audit", "{audit}"]  # the kit audits no signed activator
+            yield " ".join([sys.executable, *what, role, *options, *audit])
             return
         line = [sys.executable, BROKEN, variant, role, *options]
         with (self.folder / f"{variant}.log").open("ab") as log:
@@ -364,36 +335,17 @@ def own_fleet(folder: Path, *more: str) -> tuple[Path, list[SecureBroker]]:
     return authority.folder, [SecureBroker(authority, name) for name in brokers]
 
 
-def _found(folder: Path, names: Collection[str], at_once: int) -> dict[str, list[Finding]]:
-    """What the kit finds of implementations, with brokers of their own."""
-    folder.mkdir()
-    made = Checks(folder, names, at_once)
-    try:
-        made.cloud.start()
-        made.fog.start()
-        made.second.start()
-        for secured in made.brokers():
-            secured.start()
-        asyncio.run(made.run())
-        return made.found
-    finally:
-        for secured in made.brokers():
-            secured.kill()
-        made.second.kill()
-        made.fog.kill()
-        made.cloud.kill()
-
-
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Checked:
     """The project's own roles, and one that the kit does not start."""
     expected = {name: EXPECTED[name] for name in (*OWN, NOT_STARTED)}
-    return check(_found, tmp_path_factory.mktemp("own"), expected, AT_ONCE)
+    return check(finder(Checks), tmp_path_factory.mktemp("own"), expected, AT_ONCE)
 
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory: pytest.TempPathFactory) -> Checked:
-    return check(_found, tmp_path_factory.mktemp("broken"), {name: EXPECTED[name] for name in VARIANTS}, AT_ONCE)
+    expected = {name: EXPECTED[name] for name in VARIANTS}
+    return check(finder(Checks), tmp_path_factory.mktemp("broken"), expected, AT_ONCE)
 
 
 @pytest.mark.parametrize("role", OWN)

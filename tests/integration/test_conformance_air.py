@@ -18,7 +18,7 @@ from mqttxt_conformance.uav_air import check_uav_air
 from mqttxt_conformance.uav_kit import UavTarget
 from tests import lateness
 from tests.rigs import prefork
-from tests.rigs.kit_checks import Checked, Expected, check, said
+from tests.rigs.kit_checks import Checked, Expected, check, finder, said
 from tests.rigs.processes import Broker, free_port
 
 pytestmark = [
@@ -67,7 +67,7 @@ class Checks:
     def __init__(self, folder: Path, names: Collection[str], at_once: int) -> None:
         self.folder = folder
         self.names = names
-        self.cloud, self.fog = Broker(folder, "cloud"), Broker(folder, "fog")
+        self.cloud, self.fog = self.brokers = [Broker(folder, "cloud"), Broker(folder, "fog")]
         self.found: dict[str, list[Finding]] = {}
         self._gate = asyncio.Semaphore(at_once)
 
@@ -106,23 +106,9 @@ def _line(variant: str, *options: str) -> str:
     return " ".join([sys.executable, *started, *options])
 
 
-def _found(folder: Path, names: Collection[str], at_once: int) -> dict[str, list[Finding]]:
-    """What the kit finds of implementations, with brokers of their own."""
-    folder.mkdir()
-    made = Checks(folder, names, at_once)
-    try:
-        made.cloud.start()
-        made.fog.start()
-        asyncio.run(made.run())
-        return made.found
-    finally:
-        made.fog.kill()
-        made.cloud.kill()
-
-
 @pytest.fixture(scope="module")
 def checks(tmp_path_factory: pytest.TempPathFactory) -> Checked:
-    return check(_found, tmp_path_factory.mktemp("conformance"), EXPECTED, AT_ONCE)
+    return check(finder(Checks), tmp_path_factory.mktemp("conformance"), EXPECTED, AT_ONCE)
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from mqttxt.demo.process import CLOUD_PORT
+from tests.rigs.demonstration import Desk
 from tests.rigs.processes import ROOT, System, free_port, wait_until
-from tests.tools.node_programs import MOSQUITTO
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 TYPED = pytest.mark.soak(
@@ -72,17 +72,7 @@ class Laptop:
     terminals: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        tools, self.temporary = self.folder / "bin", self.folder / "tmp"
-        for made in (tools, self.temporary):
-            made.mkdir()
-        (tools / "mosquitto").symlink_to(MOSQUITTO)
-        (tools / "mqttxt").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mqttxt "$@"\n')
-        (tools / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
-        for tool in (tools / "mqttxt", tools / "python"):
-            tool.chmod(0o755)
-        path = f"{tools}:{os.environ['PATH']}"
-        home = {"HOME": str(self.folder), "TMPDIR": str(self.temporary), "PATH": path}
-        self.environment = {key: value for key, value in os.environ.items() if not key.startswith("XDG_")} | home
+        self.environment = Desk(self.folder).environment
 
     def open(self, step: Step) -> None:
         """Run a block in a terminal of its own, and wait until it says what it should."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import shlex
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
-from mqttxt import Arm, GroundStation, Takeoff, Word
+from mqttxt import Arm, Fog, GroundStation, Takeoff, Word
 from mqttxt.core import mosquitto
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
@@ -64,51 +66,49 @@ async def broker_in_the_birth(cloud: str) -> str | None:
     return decode(FogPresence, birth.payload).broker
 
 
-async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path) -> None:
-    system = System(tmp_path)
-    contained = ContainedActivator(tmp_path, system.cloud.url, free_port())
+@asynccontextmanager
+async def reached(
+    system: System, contained: ContainedActivator, start: Callable[[ContainedActivator], None]
+) -> AsyncIterator[Fog]:
+    """The fog of an activator that is started so, once a station reaches both drones there."""
     system.uavs = {n: system.make_uav(n, f"mqtt://127.0.0.1:{contained.port}") for n in system.autopilots}
     try:
         system.cloud.start()
-        contained.start()
+        start(contained)
         for process in (*system.sitls.values(), *system.uavs.values()):
             process.start()
         async with GroundStation(system.cloud.url) as station:
             (fog,) = await station.connect([1], timeout_s=60)
             await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
-            assert (await fog.broadcast(Arm())).completed
-            heard, listening = follow(fog.broadcast(Takeoff(8)))
-            await eventually(lambda: len(heard) == 2, "takeoff accepted")
-            await asyncio.to_thread(contained.kill_broker)
-            async with asyncio.timeout(60):
-                await listening
-            assert await broker_in_the_birth(system.cloud.url) == f"mqtt://127.0.0.1:{contained.port}"
-        await eventually(lambda: "embedded broker ended with code" in contained.said(), "its end is told")
-        assert sorted((o.drone, o.word) for o in heard if o.is_last) == [(1, Word.COMPLETED), (2, Word.COMPLETED)]
-        assert [len(system.commanded(n, 22)) for n in (1, 2)] == [1, 1]
+            yield fog
     finally:
         contained.kill()
         system.close()
+
+
+async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path) -> None:
+    system = System(tmp_path)
+    contained = ContainedActivator(tmp_path, system.cloud.url, free_port())
+    async with reached(system, contained, ContainedActivator.start) as fog:
+        assert (await fog.broadcast(Arm())).completed
+        heard, listening = follow(fog.broadcast(Takeoff(8)))
+        await eventually(lambda: len(heard) == 2, "takeoff accepted")
+        await asyncio.to_thread(contained.kill_broker)
+        async with asyncio.timeout(60):
+            await listening
+        assert await broker_in_the_birth(system.cloud.url) == f"mqtt://127.0.0.1:{contained.port}"
+        await eventually(lambda: "embedded broker ended with code" in contained.said(), "its end is told")
+        assert sorted((o.drone, o.word) for o in heard if o.is_last) == [(1, Word.COMPLETED), (2, Word.COMPLETED)]
+        assert [len(system.commanded(n, 22)) for n in (1, 2)] == [1, 1]
 
 
 async def test_an_embedded_broker_that_dies_as_soon_as_it_listens_comes_back(tmp_path: Path) -> None:
     system = System(tmp_path)
     contained = ContainedActivator(tmp_path, system.cloud.url, free_port())
-    system.uavs = {n: system.make_uav(n, f"mqtt://127.0.0.1:{contained.port}") for n in system.autopilots}
-    try:
-        system.cloud.start()
-        contained.start_and_lose_the_first_broker()
-        for process in (*system.sitls.values(), *system.uavs.values()):
-            process.start()
-        async with GroundStation(system.cloud.url) as station:
-            (fog,) = await station.connect([1], timeout_s=60)
-            await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
-            outcomes = await fog.broadcast(Arm())
+    async with reached(system, contained, ContainedActivator.start_and_lose_the_first_broker) as fog:
+        outcomes = await fog.broadcast(Arm())
         assert [outcome.word for outcome in outcomes] == [Word.COMPLETED, Word.COMPLETED]
         assert contained.said().count("embedded broker ended with code -9") == 1
-    finally:
-        contained.kill()
-        system.close()
 
 
 async def test_an_activator_may_give_each_topic_of_its_drones_an_alias(tmp_path: Path) -> None:

@@ -24,7 +24,6 @@ WIDE_999 = 3.29
 """Standard deviations on each side that hold 99.9 % of a normal distribution."""
 LATE_MS = 2.0
 """What a busy machine may add to a delay in the median."""
-WHOLE_RUN_S = 3600.0
 
 
 def within(count: int, frames: int, share: float) -> bool:

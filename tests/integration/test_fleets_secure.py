@@ -28,20 +28,14 @@ class TwoAuthorities:
         self.acme = SecureSystem(folder / "one", True, prefix="acme/")
         self.north = SecureSystem(folder / "two", True, prefix="north/")
 
-    def start(self) -> TwoAuthorities:
-        self.acme.start()
-        self.north.start()
-        return self
-
-    def close(self) -> None:
-        self.acme.close()
-        self.north.close()
-
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoAuthorities]:
-    with closing(TwoAuthorities(tmp_path_factory.mktemp("authorities"))) as made:
-        yield made.start()
+    made = TwoAuthorities(tmp_path_factory.mktemp("authorities"))
+    with closing(made.acme), closing(made.north):
+        made.acme.start()
+        made.north.start()
+        yield made
 
 
 def station(at: SecureSystem, prefix: str, of: SecureSystem, name: str) -> GroundStation:

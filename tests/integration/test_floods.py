@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
 from tests.rigs.flooder import KINDS
-from tests.rigs.processes import Process, eventually
+from tests.rigs.processes import Process
 from tests.rigs.secure import WITNESS, Node, SecureBroker
 from tests.rigs.secure_system import SecureSystem
 
@@ -33,57 +34,50 @@ async def test_a_station_that_floods_stops_nobody(tmp_path: Path, kind: str) -> 
     options = (str(eve), str(system.cloud.port), kind, str(tmp_path / "eve.ready"))
     flooder = Process(tmp_path, "eve", "tests.rigs.flooder", *options)
     try:
-        system.start()
-        async with system.station() as station:
-            (fog,) = await station.connect([1])
-            drone = fog.drone(1)
-            await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")
+        async with system.flying() as (_, drone):
             flooder.start().wait_ready()
             said = [await drone.send(Hold(), ttl_s=30, limit_s=30) for _ in range(COMMANDS)]
             assert flooder.exit_code is None, flooder.log.read_text()[-2000:]
             assert [one.word for one in said] == [Word.COMPLETED] * COMMANDS
     finally:
         flooder.kill()
-        system.close()
 
 
-def test_a_broker_takes_no_longer_payload_than_the_specification_has(tmp_path: Path) -> None:
-    acme = Authority.create(tmp_path / "acme", "acme")
+@pytest.fixture
+def acme(tmp_path: Path) -> Authority:
+    found = Authority.create(tmp_path / "acme", "acme")
     for name in ("broker-cloud", "fog1", WITNESS):
-        acme.issue(name)
+        found.issue(name)
+    return found
+
+
+def connected(stack: ExitStack, acme: Authority, name: str, broker: SecureBroker) -> Node:
+    return stack.enter_context(closing(Node(Identity.load(acme.folder / name), broker)))
+
+
+def test_a_broker_takes_no_longer_payload_than_the_specification_has(acme: Authority) -> None:
     broker = SecureBroker(acme, "broker-cloud")
     broker.let_witness()
-    try:
-        broker.start()
-        witness, fog = (Node(Identity.load(acme.folder / name), broker) for name in (WITNESS, "fog1"))
+    with ExitStack() as stack:
+        stack.callback(broker.start().kill)
+        witness, fog = (connected(stack, acme, name, broker) for name in (WITNESS, "fog1"))
         longest, longer = bytes(MAX_PAYLOAD), bytes(MAX_PAYLOAD + 1)
         for payload in (longest, longer):  # Mosquitto 2.0.11 hangs up, newer ones refuse
             fog.publish(["fog1/PSMI"], payload)
         witness.catch_up()
         assert witness.heard == {("fog1/PSMI", longest)}
-        for node in (witness, fog):
-            node.close()
-    finally:
-        broker.kill()
 
 
 def test_a_broker_takes_as_many_connections_as_its_configuration_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    acme: Authority, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(brokers, "MOST_CONNECTIONS", 3)
-    acme = Authority.create(tmp_path / "acme", "acme")
-    for name in ("broker-cloud", "fog1"):
-        acme.issue(name)
     broker = SecureBroker(acme, "broker-cloud")
-    try:
-        broker.start()
-        nodes = [Node(Identity.load(acme.folder / "fog1"), broker) for _ in range(3)]
+    with ExitStack() as stack:
+        stack.callback(broker.start().kill)
+        first, *_ = [connected(stack, acme, "fog1", broker) for _ in range(3)]
         with pytest.raises((ConnectionError, OSError)):
-            Node(Identity.load(acme.folder / "fog1"), broker)
-        nodes[0].publish(["fog1/clock"], b"still there")
-        nodes[0].catch_up()
-        assert ("fog1/clock", b"still there") in nodes[0].heard
-        for node in nodes:
-            node.close()
-    finally:
-        broker.kill()
+            connected(stack, acme, "fog1", broker)
+        first.publish(["fog1/clock"], b"still there")
+        first.catch_up()
+        assert ("fog1/clock", b"still there") in first.heard

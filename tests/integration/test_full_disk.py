@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import os
-import subprocess
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from mqttxt import Arm, Disarm, GroundStation, Word
+from tests.rigs.commanding import controlled
 from tests.rigs.processes import System, eventually
+from tests.rigs.small_disk import SmallDisk
 
 pytestmark = pytest.mark.integration
 
@@ -20,38 +20,26 @@ ARM_DISARM = 400
 
 
 @pytest.fixture
-def small(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 128 KiB."""
+def small(tmp_path: Path) -> Iterator[SmallDisk]:
     folder = tmp_path / "small"
     folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=128k", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode != 0:
-        pytest.skip("no file system can be mounted here")
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", "-l", str(folder)], check=True)
+    with closing(SmallDisk(folder)) as disk:
+        if not disk.is_mounted:
+            pytest.skip("no file system can be mounted here")
+        yield disk
 
 
-def fill(folder: Path) -> None:
-    with contextlib.suppress(OSError), (folder / "filler").open("wb", buffering=0) as filler:
-        while True:
-            filler.write(bytes(512))
-
-
-async def test_a_full_disk_denies_and_room_is_all_that_is_needed(tmp_path: Path, small: Path) -> None:
+async def test_a_full_disk_denies_and_room_is_all_that_is_needed(tmp_path: Path, small: SmallDisk) -> None:
     system = System(tmp_path)
-    options = ["--journal", str(small / "journal")]
+    options = ["--journal", str(small.folder / "journal")]
     system.uavs[1] = uav = system.make_uav(1, system.fog.url).with_more(*options)
     try:
         await asyncio.to_thread(system.start)
         async with GroundStation(system.cloud.url) as station:
-            (fog,) = await station.connect([1])
-            drone = fog.drone(1)
-            await eventually(lambda: drone.is_reachable and drone.is_controlled, "the drone is there")
+            drone = await controlled(station)
             assert (await drone.arm()).completed
 
-            fill(small)
+            small.fill()
             said = [await drone.send(Disarm()) for _ in range(40)]
             assert [(one.word, one.reason) for one in said[-3:]] == [(Word.DENIED, "journal")] * 3
             executed = [one for one in said if one.word is not Word.DENIED]
@@ -66,7 +54,7 @@ async def test_a_full_disk_denies_and_room_is_all_that_is_needed(tmp_path: Path,
             assert ((last := await drone.send(Arm())).word, last.reason) == (Word.DENIED, "journal")
             assert len(system.commanded(1, ARM_DISARM)) == before
 
-            (small / "filler").unlink()
+            small.make_room()
             assert (await drone.arm()).completed
         assert uav.exit_code is None
         log = uav.log.read_text()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -15,9 +16,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.security.rights import Rights
 from sitl.px4.parameters import SPECS
 from tests.integration.test_plans import gs
-from tests.rigs.gateway import Client, Flight, Ground, eventually, systems
+from tests.rigs.gateway import Client, Flight, Ground, eventually, signing_client, systems
 from tests.rigs.mavproxy import MavProxy
-from tests.rigs.processes import Process, free_port, wait_until
+from tests.rigs.processes import wait_until
 from tests.rigs.secure_system import SecureSystem
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -53,9 +54,7 @@ async def test_mavsdk_reads_all_sets_and_is_refused_what_is_guarded(ground: Grou
 def test_mavproxy_fetches_shows_and_sets(ground: Ground, tmp_path: Path) -> None:
     station = MavProxy(tmp_path, f"tcp:127.0.0.1:{ground.tcp}")
     try:
-        wait_until(lambda: station.vehicles() == {1, 2}, "two vehicles")
-        station.type("vehicle 1:1")
-        wait_until(lambda: "Set vehicle 1:1" in station.said, "vehicle 1 is chosen")
+        station.choose(1, of={1, 2})
         station.type("param fetch")
         wait_until(lambda: f"Received {len(SPECS)} parameters" in station.said, "all are there")
         station.type("param show MPC_XY_CRUISE")
@@ -100,28 +99,10 @@ def test_a_station_without_the_right_sets_nothing_in_a_fleet_that_signs(tmp_path
     system = SecureSystem(tmp_path, True, "--all-states")
     system.acme.issue("gs-params", Rights(None, take_over=True, observe=True, set_parameters=True))
     system.let_in()
-    found: dict[str, str] = {}
-    try:
+    with closing(system):
         system.start()
-        for name in ("gs-ops", "gs-params"):
-            port = free_port()
-            where = ["--fog", "1", "--cloud", system.cloud_url, "--listen", f"tcp:127.0.0.1:{port}", "--take-over"]
-            identity = ["--identity", str(system.acme.folder / name), "--signed"]
-            gateway = Process(tmp_path, name, "mqttxt", "gs", "mavlink", *where, *identity).start()
-            try:
-                _await_drone(gateway.log)
-                client = Client(port)
-                client.pump()
+        for name, answers in (("gs-ops", "PARAM_ERROR"), ("gs-params", "PARAM_VALUE")):
+            with signing_client(system, name) as client:
                 client.link.mav.param_set_send(1, 1, b"MPC_XY_CRUISE", 6.0, mavlink.MAV_PARAM_TYPE_REAL32)
                 answer = client.until(lambda message: message.get_type().startswith("PARAM_"), "an answer", since=0)
-                found[name] = answer.get_type()
-                client.close()
-            finally:
-                gateway.kill()
-    finally:
-        system.close()
-    assert found == {"gs-ops": "PARAM_ERROR", "gs-params": "PARAM_VALUE"}
-
-
-def _await_drone(log: Path) -> None:
-    wait_until(lambda: "drone 1: is there" in log.read_text(), "the gateway shows the drone")
+                assert answer.get_type() == answers

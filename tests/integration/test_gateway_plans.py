@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt import Plan
 from mqttxt.security.rights import Rights
 from tests.integration.test_plans import gs
-from tests.rigs.gateway import NAN, Client, Flight, Ground, eventually, systems
+from tests.rigs.gateway import NAN, Client, Flight, Ground, eventually, signing_client, systems
 from tests.rigs.mavproxy import MavProxy
-from tests.rigs.processes import Process, free_port, wait_until
+from tests.rigs.processes import wait_until
 from tests.rigs.secure_system import SecureSystem
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -122,9 +123,7 @@ def test_mavproxy_loads_lists_sets_and_clears(ground: Ground, tmp_path: Path) ->
     written.save(str(path))
     station = MavProxy(tmp_path, f"tcp:127.0.0.1:{ground.tcp}")
     try:
-        wait_until(lambda: station.vehicles() == {1, 2}, "two vehicles")
-        station.type("vehicle 1:1")
-        wait_until(lambda: "Set vehicle 1:1" in station.said, "vehicle 1 is chosen")
+        station.choose(1, of={1, 2})
         station.type(f"wp load {path}")
         wait_until(lambda: "Sent all 3 waypoints" in station.said, "all are sent")
         wait_until(lambda: station.said.count(TAKEN) == 1, "the drone has them")
@@ -198,19 +197,6 @@ def test_a_script_uploads_with_mavwp_and_one_that_breaks_off_leaves_the_old_plan
     assert [item.x for item in found.mission or ()] == pytest.approx(wanted, abs=40)
 
 
-def test_of_two_clients_at_once_one_uploads_and_the_other_is_denied(
-    ground: Ground, client: Client, tmp_path: Path
-) -> None:
-    second = Client(ground.tcp, system=254)
-    second.pump()
-    assert Loader(client, 5).upload(until=3) is None
-    assert Loader(second, 2).upload() == mavlink.MAV_MISSION_DENIED
-    second.text("controlled by system 255")
-    assert Loader(client, 6).upload() == 0
-    assert len(downloaded(ground, tmp_path).content.mission or ()) == 6
-    second.close()
-
-
 def test_a_plan_that_the_drone_does_not_take_denies_the_arm_that_waited_for_it(ground: Ground, client: Client) -> None:
     """The drone is stalled until the plan was acknowledged; then its autopilot refuses an item."""
     assert Loader(client, 3).upload() == 0
@@ -238,24 +224,10 @@ def test_a_station_without_the_right_uploads_nothing_to_a_fleet_that_signs(tmp_p
     system = SecureSystem(tmp_path, True, "--all-states")
     system.acme.issue("gs-plans", Rights(None, take_over=True, observe=True, upload_plan=True))
     system.let_in()
-    found: dict[str, int | None] = {}
-    try:
+    with closing(system):
         system.start()
-        for name in ("gs-ops", "gs-plans"):
-            port = free_port()
-            where = ["--fog", "1", "--cloud", system.cloud_url, "--listen", f"tcp:127.0.0.1:{port}", "--take-over"]
-            identity = ["--identity", str(system.acme.folder / name), "--signed"]
-            gateway = Process(tmp_path, name, "mqttxt", "gs", "mavlink", *where, *identity).start()
-            try:
-                wait_until(lambda log=gateway.log: "listening" in log.read_text(), "the gateway listens")
-                client = Client(port)
-                client.until(lambda message: message.get_type() == "HEARTBEAT", "the drone is shown")
-                found[name] = Loader(client, 3).upload()
-                if name == "gs-ops":
-                    client.text("gs-ops's certificate has")
-                client.close()
-            finally:
-                gateway.kill()
-    finally:
-        system.close()
-    assert found == {"gs-ops": mavlink.MAV_MISSION_DENIED, "gs-plans": mavlink.MAV_MISSION_ACCEPTED}
+        with signing_client(system, "gs-ops") as client:
+            assert Loader(client, 3).upload() == mavlink.MAV_MISSION_DENIED
+            client.text("gs-ops's certificate has")
+        with signing_client(system, "gs-plans") as client:
+            assert Loader(client, 3).upload() == mavlink.MAV_MISSION_ACCEPTED

@@ -30,7 +30,7 @@ from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
 from tests.quick import FLYING, quick_fleet
 from tests.rigs.hostile_broker import Delivery, HostileBroker
-from tests.rigs.processes import Process, commanded, eventually, free_port
+from tests.rigs.processes import Process, commanded, eventually, free_port, stand_in
 from tests.rigs.salvo import MAV_CMD_DO_REPOSITION, all_reachable
 from tests.simulation.broken import BROKEN
 
@@ -131,9 +131,7 @@ class HostileSystem:
         fleet, ports = quick_fleet(self.folder, FLYING), {}
         for drone in DRONES:
             ports[drone] = free_port(socket.SOCK_DGRAM)
-            sitl = ["fly", "--fleet", str(fleet), "--system", str(drone), "--listen", "127.0.0.1:0"]
-            sitl += ["--send", f"127.0.0.1:{ports[drone]}", "--events", str(self.folder / f"sitl{drone}.jsonl")]
-            self._add(f"sitl{drone}", "sitl", *sitl)
+            self._processes.append(stand_in(self.folder, drone, ports[drone], fleet=fleet).start())
         activator = ["activator", "--fog", "1", "--cloud", self._url(self.cloud), "--fog-broker", self._url(self.fog)]
         self._add("activator", "mqttxt", *activator, "--drones", "1,2", "--signed", *self._identity("fog1"))
         for drone in DRONES:

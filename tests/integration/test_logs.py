@@ -11,11 +11,10 @@ from pathlib import Path
 import pytest
 
 from sitl.logs import MADE_UP, made_up
-from tests.rigs.processes import System, wait_until
+from tests.rigs.processes import ROOT, System, wait_until
 
 pytestmark = [pytest.mark.integration]
 
-ROOT = Path(__file__).resolve().parents[2]
 LATER = made_up(*MADE_UP[1])
 Begun = Callable[..., subprocess.Popen[str]]
 
@@ -81,12 +80,3 @@ def test_a_killed_station_and_a_killed_drone_cost_no_more_than_a_block(
     assert code == 0, error
     assert file.read_bytes() == LATER.data
     assert not list(tmp_path.glob(".flight.ulg.*"))
-
-
-def test_what_cannot_be_is_one_line(begun: Begun, tmp_path: Path) -> None:
-    code, out, error = ended(begun("get", "7", str(tmp_path / "flight.ulg")))
-    assert (code, out) == (2, "")
-    assert error.splitlines()[-1] == "mqttxt: log 7: drone 1 has no such log; its logs: 0, 1"
-    code, _, error = ended(begun("get", "1", str(tmp_path / "nowhere" / "flight.ulg")))
-    said = f"mqttxt: {tmp_path}/nowhere/flight.ulg: expected a file in a folder that exists"
-    assert (code, error.splitlines()[-1]) == (2, said)

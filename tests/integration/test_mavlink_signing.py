@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import socket
-import subprocess
-import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from mqttxt import Arm, Armed, Drone, Goto, GroundStation, Hold, Land, Landed, L
 from mqttxt.cli.main import app
 from tests.rigs.commanding import armable, fly, start
 from tests.rigs.keyed_pilot import KeyedPilot
-from tests.rigs.processes import Process, System, ask_autopilot, eventually, free_port, wait_until
+from tests.rigs.processes import Process, System, ask_autopilot, eventually, free_port, stand_in
 from tests.rigs.signing import make_key
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -166,30 +164,24 @@ def typed(*words: object) -> Result:
 
 
 @pytest.fixture
-def stand_in(tmp_path: Path) -> Iterator[Callable[..., str]]:
+def autopilot(tmp_path: Path) -> Iterator[Callable[..., str]]:
     """Starts a stand-in; the address at which it is heard."""
-    started: list[subprocess.Popen[bytes]] = []
+    with ExitStack() as stack:
 
-    def begin(*more: str) -> str:
-        port = free_port(socket.SOCK_DGRAM)
-        words = [sys.executable, "-m", "sitl", "fly", "--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}"]
-        control = tmp_path / "control"
-        started.append(subprocess.Popen([*words, "--control", str(control), *more], stderr=subprocess.DEVNULL))
-        wait_until(control.exists, "the stand-in runs")
-        return f"udp:127.0.0.1:{port}"
+        def begin(*more: str) -> str:
+            port = free_port(socket.SOCK_DGRAM)
+            stack.callback(stand_in(tmp_path, 1, port, *more).start().wait_ready().kill)
+            return f"udp:127.0.0.1:{port}"
 
-    yield begin
-    for process in started:
-        process.kill()
-        process.wait()
+        yield begin
 
 
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_a_key_is_installed_and_then_replaced_by_who_has_it(
-    tmp_path: Path, stand_in: Callable[..., str], like: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, autopilot: Callable[..., str], like: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one, two = tmp_path / "one.key", tmp_path / "two.key"
-    wire = stand_in("--like", like)
+    wire = autopilot("--like", like)
     done = typed(one, "--install", wire, "--drone", 1)
     assert done.exit_code == 0, done.output
     assert "the key travels in the clear" in done.output
@@ -202,9 +194,9 @@ def test_a_key_is_installed_and_then_replaced_by_who_has_it(
         assert f"autopilot {wire}: " in done.output
 
 
-def test_an_armed_drone_gets_no_key(tmp_path: Path, stand_in: Callable[..., str]) -> None:
-    wire = stand_in()
-    ask_autopilot(tmp_path / "control", {"set": {"armed": True}})
+def test_an_armed_drone_gets_no_key(tmp_path: Path, autopilot: Callable[..., str]) -> None:
+    wire = autopilot()
+    ask_autopilot(tmp_path / "sitl1.sock", {"set": {"armed": True}})
     done = typed(tmp_path / "one.key", "--install", wire, "--drone", 1)
     assert done.exit_code == 1
     assert "drone 1 is armed" in done.output

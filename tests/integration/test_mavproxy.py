@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.rigs.mavproxy import MavProxy
-from tests.rigs.processes import ROOT, Process, free_port, wait_until
+from tests.rigs.processes import free_port, stand_in
 from tests.rigs.routers import Router
 
 pytestmark = pytest.mark.integration
@@ -37,7 +37,7 @@ def station(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[MavProxy
             for drone in drones:
                 port = free_port(socket.SOCK_DGRAM)
                 routers.append(Router(tmp_path, 230 + drone, f"udps:127.0.0.1:{port}", f"udpc:127.0.0.1:{fog_port}"))
-                sitls.append(_sitl(tmp_path, drone, port))
+                sitls.append(stand_in(tmp_path, drone, port, "--streams", "px4-normal"))
         for router in routers:
             stack.callback(router.start().kill)
         for sitl in sitls:
@@ -49,19 +49,11 @@ def station(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[MavProxy
 
 
 def test_mavproxy_sees_six_vehicles_and_arms_the_one_it_is_told_to(station: MavProxy, tmp_path: Path) -> None:
-    wait_until(lambda: station.vehicles() == set(range(1, 7)), "six vehicles", 60)
-    station.type("vehicle 3:1")  # its autopilot: alone, the component stays that of whoever was heard first
-    wait_until(lambda: "Set vehicle 3:1" in station.said, "vehicle 3 is chosen")
+    station.choose(3, of=set(range(1, 7)))
     station.type_until_said("arm throttle", "COMPONENT_ARM_DISARM: ACCEPTED")
     armed = [drone for drone in range(1, 7) if "armed" in _events(tmp_path, drone)]
     assert armed == [3]
 
 
-def _sitl(folder: Path, drone: int, port: int) -> Process:
-    fleet = ["--fleet", str(ROOT / "services" / "fleet.yaml"), "--system", str(drone)]
-    where = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", "px4-normal"]
-    return Process(folder, f"sitl{drone}", "sitl", "fly", *fleet, *where, "--events", str(folder / f"{drone}.jsonl"))
-
-
 def _events(folder: Path, drone: int) -> list[str]:
-    return [json.loads(line)["event"] for line in (folder / f"{drone}.jsonl").read_text().splitlines()]
+    return [json.loads(line)["event"] for line in (folder / f"sitl{drone}.jsonl").read_text().splitlines()]

@@ -19,7 +19,7 @@ from mission.events import EventLog
 from mission.fleet import MissionError, Result
 from mission.mavsdk_fleet import MavsdkFleet
 from mission.steps import Steps
-from tests.rigs.processes import ROOT, Process, ask_autopilot, eventually, free_port
+from tests.rigs.processes import Process, ask_autopilot, eventually, free_port, stand_in
 from tests.rigs.routers import Router, chain
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -44,13 +44,8 @@ class Sky:
 
     def fly(self, drone: int, port: int, streams: str = "px4-onboard", name: str | None = None) -> Process:
         """Start a stand-in that sends to a port."""
-        called = name or f"sitl{drone}"
-        base = str(self.folder / called)
-        files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready", "--control", f"{base}.sock"]
-        ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", streams]
-        fleet = ["--fleet", str(ROOT / "services" / "fleet.yaml"), "--system", str(drone)]
-        sitl = Process(self.folder, called, "sitl", "fly", *fleet, *ports, *files).start().wait_ready()
-        self.sitls[called] = sitl
+        sitl = stand_in(self.folder, drone, port, "--streams", streams, name=name).start().wait_ready()
+        self.sitls[sitl.name] = sitl
         return sitl
 
     def chain(self, drone: int, port: int, hops: int = 3) -> int:
@@ -74,6 +69,15 @@ class Sky:
         made = MavsdkFleet(urls or at_ports, fogs or {1: tuple(ports)}, commanding, streams, log)
         self.fleets.append((made, log))
         return made
+
+    async def flown(self, *drones: int) -> MavsdkFleet:
+        """A fleet of one fog with a stand-in for each of these drones, connected to them."""
+        ports = _ports(*drones)
+        for drone, port in ports.items():
+            self.fly(drone, port)
+        fleet = self.fleet(ports)
+        await fleet.connect(CONNECT_S)
+        return fleet
 
     def events(self, kind: str) -> list[dict[str, Any]]:
         """What the fleet wrote down."""
@@ -226,11 +230,7 @@ async def test_an_address_that_cannot_be_used_is_named(sky: Sky) -> None:
 
 
 async def test_a_denied_arm_is_one_drones_result(sky: Sky) -> None:
-    ports = _ports(1, 2)
-    for drone, port in ports.items():
-        sky.fly(drone, port)
-    fleet = sky.fleet(ports)
-    await fleet.connect(CONNECT_S)
+    fleet = await sky.flown(1, 2)
     sky.control("sitl1", {"set": {"healthy": False}})
     assert await fleet.arm() == [Result(1, "denied", "autopilot"), *_completed(2)]
 
@@ -254,11 +254,7 @@ async def test_a_router_that_dies_while_a_takeoff_is_flown(sky: Sky) -> None:
 
 @OTHERS
 async def test_a_vehicle_that_freezes_leaves_its_command_unconfirmed_and_keeps_its_streams(sky: Sky) -> None:
-    ports = _ports(1, 2)
-    for drone, port in ports.items():
-        sky.fly(drone, port)
-    fleet = sky.fleet(ports)
-    await fleet.connect(CONNECT_S)
+    fleet = await sky.flown(1, 2)
     await fleet.arm()
     await fleet.takeoff(LOW_M)
     before = len(_intervals(sky, 1))
@@ -269,10 +265,7 @@ async def test_a_vehicle_that_freezes_leaves_its_command_unconfirmed_and_keeps_i
 
 
 async def test_a_lost_acknowledgement_is_unconfirmed(sky: Sky) -> None:
-    ports = _ports(1)
-    sky.fly(1, ports[1])
-    fleet = sky.fleet(ports)
-    await fleet.connect(CONNECT_S)
+    fleet = await sky.flown(1)
     sky.control("sitl1", {"set": {"mute": ["COMMAND_ACK"]}})
     assert await fleet.arm() == [Result(1, "unconfirmed", "timeout")]
     await eventually(lambda: len(sky.commands(1, ARM)) >= 4, "MAVSDK sends a command four times")
@@ -281,11 +274,8 @@ async def test_a_lost_acknowledgement_is_unconfirmed(sky: Sky) -> None:
 
 async def test_closed_in_the_middle_of_a_call_nothing_of_mavsdk_stays(sky: Sky) -> None:
     before = _foreign_threads()
-    ports = _ports(1)
-    sitl = sky.fly(1, ports[1])
-    fleet = sky.fleet(ports)
-    await fleet.connect(CONNECT_S)
-    sitl.stall()
+    fleet = await sky.flown(1)
+    sky.sitls["sitl1"].stall()
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(0.3):
             await fleet.arm()

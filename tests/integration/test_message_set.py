@@ -20,7 +20,7 @@ from mission.mqttxt_messages import MqttxtMessageFleet
 from mission.side_channel import SideChannel
 from mqttxt.protocol.states import STATES as KNOWN
 from tests.quick import LANDING, quick_fleet
-from tests.rigs.processes import Process, System, free_port
+from tests.rigs.processes import System, free_port, stand_in
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 OTHERS = pytest.mark.soak(
@@ -35,13 +35,9 @@ FIELDS = {name: set(KNOWN[name].__dataclass_fields__) - {"name"} for name in STA
 def autopilot(tmp_path: Path, streams: str) -> Iterator[int]:
     """A stand-in, and the port that it sends to."""
     port = free_port(socket.SOCK_DGRAM)
-    base = tmp_path / "sitl1"
-    files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready", "--control", f"{base}.sock"]
-    ends = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", streams]
-    sitl = Process(tmp_path, base.name, "sitl", "fly", "--fleet", str(quick_fleet(tmp_path, LANDING)), *ends, *files)
+    sitl = stand_in(tmp_path, 1, port, "--streams", streams, fleet=quick_fleet(tmp_path, LANDING))
     try:
-        sitl.start()
-        sitl.wait_ready()
+        sitl.start().wait_ready()
         yield port
     finally:
         sitl.kill()

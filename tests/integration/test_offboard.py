@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mqttxt import Attitude, Drone, GroundStation, Offboard, Outcome, Velocity, Word
-from tests.rigs.commanding import follow
+from tests.rigs.commanding import controlled, follow
 from tests.rigs.processes import System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -21,9 +21,7 @@ DRONE = pytest.mark.soak("services/mqttxt/src/mqttxt/drone", "services/mqttxt/sr
 async def airborne(system: System) -> AsyncIterator[tuple[System, Drone]]:
     """Drone 1 hovers under control."""
     async with GroundStation(system.cloud.url) as station:
-        (fog,) = await station.connect([1])
-        drone = fog.drone(1)
-        await eventually(lambda: drone.is_reachable, "drone 1 is reachable")
+        drone = await controlled(station)
         assert (await drone.arm()).completed
         assert (await drone.takeoff(5.0)).completed
         yield system, drone

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import secrets
 import shutil
 import socket
@@ -10,20 +9,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import docker
 import paho.mqtt.client as paho
 import polars as pl
 import pytest
-from docker.models.containers import Container
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from pymavlink.dialects.v20 import development as dialect
 
-from testbed.bootstrap.images import NODE
 from testbed.fly.results import Attempt, write_json
 from testbed.numbers.packets.table import load
 from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_agrees, count_by_tshark, kind_of
 from tests.rigs.processes import ROOT, Process, Program, as_this_user, listens, wait_until
+from tests.rigs.tcpdump import Tcpdump
 from tests.tools.node_programs import MOSQUITTO
 
 pytestmark = pytest.mark.integration
@@ -40,46 +37,24 @@ LAST = b"the last datagram of a capture"
 def capturing(attempt: Attempt) -> Iterator[None]:
     """Everything between the nodes' addresses, in whole frames, as the capture of every node."""
     pcap = attempt.path / "pcap"
-    pcap.chmod(0o777)
     wanted = " or ".join(f"host {address}" for address in ADDRESSES.values())
     # The largest frame of loopback, and room for a thousand of them: in immediate mode each takes as much.
     sizes = ["-s", "66000", "-B", "65536"]
-    options = ["-i", "lo", "-U", "--immediate-mode", "--time-stamp-precision=nano", *sizes, "-Z", "root"]
-    container = docker.from_env().containers.run(
-        NODE,
-        [*options, "-w", "/pcap/all", wanted],
-        entrypoint="tcpdump",
-        network_mode="host",
-        user="0:0",
-        cap_add=["NET_RAW", "NET_ADMIN"],
-        volumes={str(pcap): {"bind": "/pcap", "mode": "rw"}},
-        detach=True,
-    )
-    try:
-        wait_until(lambda: b"listening on" in container.logs(), "tcpdump listens")
+    with Tcpdump(pcap / "all", wanted, "--time-stamp-precision=nano", *sizes) as tcpdump:
         # What all of loopback sent until the filter was there may have filled the buffer: that counts as dropped.
-        container.kill(signal="SIGUSR1")
-        wait_until(lambda: bool(_dropped(container)), "tcpdump has counted")
+        tcpdump.count()
         yield
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.bind((ADDRESSES["gs"], 0))
             sock.sendto(LAST, (ADDRESSES["cloud"], DISCARD))
         # At SIGINT tcpdump leaves what it has not taken.
         wait_until(lambda: LAST in (pcap / "all").read_bytes(), "tcpdump has taken all that came before")
-        container.kill(signal="SIGINT")
-        container.wait()
-        before, after = _dropped(container)
+        tcpdump.end()
+        before, after = tcpdump.dropped()
         assert after == before
-    finally:
-        container.remove(force=True)
     for node in ADDRESSES:
         shutil.copy(pcap / "all", pcap / f"{node}.pcap")
     (pcap / "all").unlink()
-
-
-def _dropped(container: Container) -> list[int]:
-    """Frames that the kernel dropped, each time that tcpdump said it."""
-    return [int(number) for number in re.findall(rb"(\d+) packets dropped by kernel", container.logs())]
 
 
 @pytest.fixture

@@ -215,8 +215,11 @@ async def test_the_focus_stays_when_a_fog_is_not_heard_any_more() -> None:
         assert await asyncio.to_thread(browser.value, FOCUS) == "to-fog-1"
 
 
-async def test_what_was_typed_stays_when_the_pages_program_comes_back() -> None:
+@pytest.mark.parametrize("names", [("page", "page"), ("gs-0a1b2c3d", "gs-4e5f6071")])
+async def test_what_was_typed_stays_when_the_pages_program_comes_back(names: tuple[str, str]) -> None:
+    """Without an identity its station has another name at each start."""
     station, port = FakeStation(), free_port()
+    station.name, comes_back_as = names
     with LivePage() as browser:
         async with served(station, port) as url:
             await asyncio.to_thread(browser.open, url)
@@ -224,8 +227,10 @@ async def test_what_was_typed_stays_when_the_pages_program_comes_back() -> None:
             await asyncio.to_thread(browser.type, "#takeoff-altitude_m", "12.5")
         await asyncio.to_thread(browser.until_text, "#connection", "does not answer")
         await asyncio.to_thread(browser.value, "document.getElementById('station').textContent = ''")
+        station.name = comes_back_as
         async with served(station, port):
             await asyncio.to_thread(browser.until_text, "#station", station.name)
+            await asyncio.to_thread(browser.until_text, "#connection", "connected to")
             value = "document.getElementById('takeoff-altitude_m').value"
             assert await asyncio.to_thread(browser.value, value) == "12.5"
             assert await asyncio.to_thread(browser.value, FOCUS) == "takeoff-altitude_m"

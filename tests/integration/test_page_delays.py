@@ -9,17 +9,12 @@ import pytest
 from mqttxt import Battery, Location, StateUpdate
 from mqttxt.page import live
 from mqttxt.page.fleet import STALE_MS
-from tests.rigs.live_page import LivePage
+from tests.rigs.live_page import NEEDS_BROWSER, LivePage
 from tests.rigs.made_up_page import served, shown
 from tests.rigs.processes import eventually, free_port
 from tests.simulation.page_fleet import FakeStation
-from tests.tools.axe import AXE
-from tests.tools.programs import chromium
 
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
-]
+pytestmark = [pytest.mark.integration, NEEDS_BROWSER]
 BATTERY = "tr[data-drone='1/1'] td[data-heading='Battery']"
 MARKER = "[data-marker='1/1']"
 LATE_MS = 60_000
@@ -102,29 +97,16 @@ async def test_a_key_that_is_held_on_the_map_clicks_once() -> None:
         assert await asyncio.to_thread(browser.value, "document.querySelectorAll('#draft-rows tr').length") == 1
 
 
-async def test_a_program_without_an_identity_that_comes_back_leaves_what_was_typed() -> None:
-    """Its station has another name at each start."""
-    first, second, port = FakeStation(), FakeStation(), free_port()
-    first.name, second.name = "gs-0a1b2c3d", "gs-4e5f6071"
-    with LivePage() as browser:
-        async with served(first, port) as url:
-            await asyncio.to_thread(browser.open, url)
-            await asyncio.to_thread(browser.value, "document.querySelector('#takeoff-altitude_m').value = '17'")
-        await asyncio.to_thread(browser.until_text, "#connection", "does not answer")
-        async with served(second, port):
-            await asyncio.to_thread(browser.until_text, "#station", second.name)
-            await asyncio.to_thread(browser.until_text, "#connection", "connected to")
-            assert await asyncio.to_thread(browser.value, "document.querySelector('#takeoff-altitude_m').value") == "17"
-
-
-@pytest.mark.parametrize("is_of_another_fog", [True, False])
-async def test_a_program_that_comes_back_as_another_one_begins_anew(is_of_another_fog: bool) -> None:
+@pytest.mark.parametrize("another", ["fog", "station", "fleet"])
+async def test_a_program_that_comes_back_as_another_one_begins_anew(another: str) -> None:
     """A page that was left open: its drones, and which of them are selected, are not those of now."""
     first, second, port = FakeStation(), FakeStation(), free_port()
-    if is_of_another_fog:
+    if another == "fog":
         second.the_fog.number = 2
-    else:
+    elif another == "station":
         second.name = "another"
+    else:
+        second.prefix = "acme/eu/"
     with LivePage() as browser:
         async with served(first, port) as url:
             await asyncio.to_thread(browser.open, url)

@@ -7,15 +7,10 @@ from collections.abc import Iterator
 import pytest
 
 from tests.rigs.fleets import TwoFleets
-from tests.rigs.live_page import LivePage, done
+from tests.rigs.live_page import NEEDS_BROWSER, LivePage, done
 from tests.rigs.served_page import Served
-from tests.tools.axe import AXE
-from tests.tools.programs import chromium
 
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
-]
+pytestmark = [pytest.mark.integration, NEEDS_BROWSER]
 ROWS = "[...document.querySelectorAll('#fleet-rows tr')]"
 EU_1 = "tr[data-drone='acme/eu/1/1']"
 ARM = 400
@@ -86,25 +81,6 @@ async def test_a_page_of_one_fleet_that_is_still_open_commands_nobody(two: TwoFl
     answer = await page.ask(do="command", command="arm", to={"drones": [[1, 1]]})
     assert "order" in answer, "it is shown as not sent"
     assert [len(fleet.commanded(1, ARM)) for fleet in (two.acme, two.eu)] == arms
-
-
-def test_a_page_that_is_served_for_another_fleet_begins_anew(two: TwoFleets, browser: LivePage) -> None:
-    """Drone 1 was selected: it is another drone now."""
-    first = Served(two.folder, two.cloud, "first", fogs=("acme/1",))
-    try:
-        browser.open(first.url)
-        browser.click("tr[data-drone='1/1'] th")
-        browser.until_text("#who", "Drone 1")
-        browser.value("window.isOfBefore = true")
-    finally:
-        first.process.kill()
-    second = Served(two.folder, two.cloud, "second", fogs=("acme/eu/1",), port=first.port)
-    try:
-        browser.until("window.isOfBefore === undefined && document.readyState === 'complete'", "it is loaded again")
-        browser.until("document.querySelectorAll('#fleet-rows tr').length === 2", "the other fleet's drones")
-        browser.until_text("#who", "Nobody: select a drone")
-    finally:
-        second.process.kill()
 
 
 def test_on_a_phone_each_row_names_its_fleet(page: Served, browser: LivePage) -> None:

@@ -21,17 +21,12 @@ from mqttxt import (
     Word,
 )
 from mqttxt.page.history import MOST_CHARTS
-from tests.rigs.live_page import LivePage
+from tests.rigs.live_page import NEEDS_BROWSER, LivePage
 from tests.rigs.made_up_page import served, shown
 from tests.rigs.processes import eventually, free_port
 from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
-from tests.tools.axe import AXE
-from tests.tools.programs import chromium
 
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
-]
+pytestmark = [pytest.mark.integration, NEEDS_BROWSER]
 ATTACK = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 FLOOD = 20_000
 LARGE = 250

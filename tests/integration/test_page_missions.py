@@ -8,16 +8,11 @@ from pathlib import Path
 import pytest
 
 from mqttxt import Plan
-from tests.rigs.live_page import LivePage, done, is_ready
+from tests.rigs.live_page import NEEDS_BROWSER, LivePage, done, is_ready
 from tests.rigs.processes import System, wait_until
 from tests.rigs.served_page import Served
-from tests.tools.axe import AXE
-from tests.tools.programs import chromium
 
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
-]
+pytestmark = [pytest.mark.integration, NEEDS_BROWSER]
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
 METRE_DEG = 360 / 40_030_000
 """Of latitude, on the sphere that the map has."""
@@ -214,17 +209,9 @@ def test_a_file_that_the_editor_does_not_know_is_shown_with_the_reason(
     assert browser.value("document.getElementById('plan-found').textContent") == ""
 
 
-def test_a_plan_is_uploaded_and_its_progress_shown(system: System, page: Served, browser: LivePage) -> None:
-    path = system.folder / "two.plan"
-    places = [(47.3978, 8.5457), (47.3979, 8.5458)]
-    items = [
-        {"type": "SimpleItem", "command": 16, "frame": 3, "autoContinue": True, "params": [0, 0, 0, None, *place, 10]}
-        for place in places
-    ]
-    mission = {"version": 2, "items": items, "plannedHomePosition": [47.3977, 8.5456, 488]}
-    path.write_text(json.dumps({"fileType": "Plan", "version": 1, "mission": mission}))
-    browser.open(page.url)
-    is_ready(browser, 1, 2)
+def test_a_plan_is_uploaded_and_its_progress_shown(page: Served, browser: LivePage, tmp_path: Path) -> None:
+    path = written(tmp_path, "two.plan", WAYPOINT, WAYPOINT)
+    opened(browser, page)
     browser.until_text("#rankings", "Fog 1, best first (QoDS)")
     browser.click("tr[data-drone='1/2'] input")
     assert browser.value("document.getElementById('plan-upload').disabled"), "no file is chosen"

@@ -8,17 +8,12 @@ import pytest
 
 from mqttxt import Goto
 from mqttxt.page.places import Place
-from tests.rigs.live_page import LivePage
+from tests.rigs.live_page import NEEDS_BROWSER, LivePage
 from tests.rigs.made_up_page import shown
 from tests.rigs.processes import eventually
 from tests.simulation.page_fleet import FakeStation
-from tests.tools.axe import AXE
-from tests.tools.programs import chromium
 
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
-]
+pytestmark = [pytest.mark.integration, NEEDS_BROWSER]
 PHONE, DESK = 400, 1600
 CHURCH = Place("Église <b>St. Martin</b>", 47.0009, 8.0011)
 WIDE = Place("A name that is as long as the names of many places", 47.0003, 7.9995)

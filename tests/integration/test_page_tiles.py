@@ -12,18 +12,13 @@ from aiohttp import web
 from pmtiles.tile import TileType
 
 from mqttxt.page.tiles import opened
-from tests.rigs.live_page import LivePage
+from tests.rigs.live_page import NEEDS_BROWSER, LivePage
 from tests.rigs.made_up_page import shown
 from tests.rigs.processes import free_port
 from tests.simulation.map_tiles import named, pmtiles, png, shapes
 from tests.simulation.page_fleet import FakeStation
-from tests.tools.axe import AXE
-from tests.tools.programs import chromium
 
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
-]
+pytestmark = [pytest.mark.integration, NEEDS_BROWSER]
 COLOUR = (12, 200, 90)
 PLACE = (47.0003, 8.0003)
 """Between the drones of `FakeStation`."""

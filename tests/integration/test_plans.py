@@ -13,11 +13,10 @@ import pytest
 
 from mqttxt import Plan
 from tests.rigs import prefork
-from tests.rigs.processes import System, wait_until
+from tests.rigs.processes import ROOT, System, wait_until
 
 pytestmark = [pytest.mark.integration]
 
-ROOT = Path(__file__).resolve().parents[2]
 SURVEY = ROOT / "tests" / "unit" / "mqttxt" / "plans" / "survey.plan"
 
 

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt import Arm, GroundStation, Land, Outcome, Takeoff, Word
 from mqttxt.core.hearing import ANSWER_MS, SILENT_MS
 from tests.rigs.commanding import follow
-from tests.rigs.processes import ROOT, Process, System, eventually, free_port, wait_until
+from tests.rigs.processes import ROOT, System, eventually, free_port, stand_in, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -189,10 +189,7 @@ async def test_a_second_uav_client_of_a_number_is_refused(system: System) -> Non
 def _second_sitl(system: System) -> int:
     """Another autopilot that claims to be drone 1, as a mistake in a fleet would have it."""
     port = free_port(socket.SOCK_DGRAM)
-    ready = str(system.folder / "twin-sitl.ready")
-    options = ["--system", "1", "--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--ready-file", ready]
-    system.sitls[99] = Process(system.folder, "twin-sitl", "sitl", "fly", *options).start()
-    system.sitls[99].wait_ready()
+    system.sitls[99] = stand_in(system.folder, 1, port, name="twin-sitl").start().wait_ready()
     return port
 
 
@@ -204,15 +201,6 @@ async def test_a_second_activator_of_a_fog_refuses_to_start(system: System) -> N
         rival.kill()
     assert "refused: another live activator is fog 1 already" in rival.log.read_text()
     assert system.activator.exit_code is None
-
-
-async def test_a_wrong_system_id_is_refused_before_anything_is_connected(silent: System) -> None:
-    stranger = silent.make_uav(7, silent.fog.url, name="stranger", autopilot_port=_second_sitl(silent)).start()
-    try:
-        assert await asyncio.to_thread(stranger.wait) == 2
-    finally:
-        stranger.kill()
-    assert "has MAVLink system id 1; expected 7" in stranger.log.read_text()
 
 
 async def test_an_unknown_kind_of_autopilot_is_refused_before_anything_is_connected(silent: System) -> None:

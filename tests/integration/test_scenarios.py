@@ -27,7 +27,7 @@ from mqttxt.protocol.commands import haversine_m
 from mqttxt.protocol.readings import UNITS
 from testbed.bootstrap.images import NODE
 from tests.quick import FLYING, quick_fleet
-from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port, wait_until
+from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port, stand_in, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 MISSIONS = pytest.mark.soak("services/mission/src", "services/sensor/src")
@@ -65,15 +65,7 @@ def near(monkeypatch: pytest.MonkeyPatch, low_fleet: Path) -> dict[int, Point]:
 def autopilots(tmp_path: Path, low_fleet: Path) -> Iterator[dict[int, int]]:
     """Stand-ins that send to a port each."""
     ports = {drone: free_port(socket.SOCK_DGRAM) for drone in DRONES}
-    sitls = []
-    for drone, port in ports.items():
-        base = tmp_path / f"sitl{drone}"
-        files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready", "--position-file", f"{base}.position"]
-        ends = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}"]
-        sitl = Process(
-            tmp_path, base.name, "sitl", "fly", "--system", str(drone), "--fleet", str(low_fleet), *ends, *files
-        )
-        sitls.append(sitl)
+    sitls = [stand_in(tmp_path, drone, port, fleet=low_fleet) for drone, port in ports.items()]
     try:
         for sitl in sitls:
             sitl.start()

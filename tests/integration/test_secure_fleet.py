@@ -22,6 +22,7 @@ from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
+from tests.rigs.commanding import controlled
 from tests.rigs.processes import eventually, wait_until
 from tests.rigs.secure import WITNESS, Node
 from tests.rigs.secure_system import SecureSystem
@@ -39,9 +40,7 @@ def system(tmp_path: Path) -> Iterator[SecureSystem]:
 async def test_a_drone_is_flown_and_its_sensor_is_heard_over_mutual_tls_alone(system: SecureSystem) -> None:
     async with system.station() as station:
         assert station.name == "ops"
-        (fog,) = await station.connect([1])
-        drone = fog.drone(1)
-        await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")
+        drone = await controlled(station)
         assert (await drone.arm()).completed
         await eventually(lambda: len(drone.readings) > 0, "a reading has come")
 
@@ -132,9 +131,7 @@ async def test_keys_are_renewed_and_the_old_ones_revoked_without_losing_a_comman
     acme = signed.acme
     processes = {process.name: process for process in signed.processes}
     async with signed.station() as station:
-        (fog,) = await station.connect([1])
-        drone = fog.drone(1)
-        await eventually(lambda: drone.is_controlled, "drone 1 is controlled")
+        drone = await controlled(station)
         words: list[Word] = []
 
         async def fly(count: int) -> None:
@@ -172,9 +169,7 @@ async def test_a_fleet_that_signs_is_flown_and_obeys_nobody_else(tmp_path: Path)
     try:
         system.start()
         async with system.station() as station:
-            (fog,) = await station.connect([1])
-            drone = fog.drone(1)
-            await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")
+            drone = await controlled(station)
             armed = await drone.arm()
             assert (armed.word, armed.signer) == (Word.COMPLETED, "drone1")
             witness = Node(Identity.load(system.acme.folder / WITNESS), system.fog)
@@ -186,7 +181,7 @@ async def test_a_fleet_that_signs_is_flown_and_obeys_nobody_else(tmp_path: Path)
                 witness.publish(["drone1/commands"], payload)
             assert (await drone.takeoff(5)).completed  # it was not disarmed
             await eventually(lambda: len(drone.readings) > 0, "a reading has come that its sensor signed")
-            (landed,) = await fog.broadcast(Land())
+            (landed,) = await station.fog(1).broadcast(Land())
             assert (landed.word, landed.signer) == (Word.COMPLETED, "drone1")
             assert not [topic for topic, _ in witness.heard if topic.endswith("commands_result/disarm")]
             witness.close()

@@ -11,7 +11,6 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-import docker
 import pytest
 
 from mqttxt import GroundStation, SensorReading
@@ -20,7 +19,7 @@ from mqttxt.core.clock import SessionClock
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt_conformance.tap import Tap
-from testbed.bootstrap.images import NODE
+from tests.rigs.container import Container
 from tests.rigs.flaky_link import FlakyLink
 from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port
 
@@ -48,7 +47,8 @@ class SensorField:
         for broker in (self.cloud, self.fog, self.drone):
             await asyncio.to_thread(broker.start)
         await self.air.start()
-        self.uav = self._make_uav()
+        sensors = ["--sensor-broker", self.drone.url, "--sensor-store", str(self.store)]
+        self.uav = self.system.make_uav(1, self.air.url).with_more(*sensors)
         for process in (self.sitl, self.activator, self.uav):
             process.start()
         await asyncio.to_thread(self.uav.wait_ready)
@@ -71,13 +71,6 @@ class SensorField:
         for broker in (self.drone, self.fog, self.cloud):
             broker.kill()
 
-    def _make_uav(self) -> Process:
-        base = str(self.folder / "uav1")
-        link = ["--broker", self.air.url, "--autopilot", f"udp:127.0.0.1:{self.system.autopilots[1]}"]
-        files = ["--journal", f"{base}.journal", "--ready-file", f"{base}.ready", "--sensor-store", str(self.store)]
-        sensors = ["--sensor-broker", self.drone.url]
-        return Process(self.folder, "uav1", "mqttxt", "uav", "--drone", "1", *link, *files, *sensors)
-
 
 @pytest.fixture
 async def field(tmp_path: Path) -> AsyncIterator[SensorField]:
@@ -98,17 +91,9 @@ async def _listen(station: GroundStation, heard: list[SensorReading]) -> None:
 
 def _as_measured(heard: list[SensorReading]) -> list[dict[str, Any]]:
     """Readings as the sensor's record has them, in its order."""
+    names = ("sensor", "boot", "seq", "kind", "value", "unit", "time_ms")
     return [
-        {
-            "event": "reading",
-            "sensor": reading.sensor,
-            "boot": reading.boot,
-            "seq": reading.seq,
-            "kind": reading.kind,
-            "value": reading.value,
-            "unit": reading.unit,
-            "time_ms": reading.time_ms,
-        }
+        {"event": "reading", **{name: getattr(reading, name) for name in names}}
         for reading in sorted(heard, key=lambda reading: reading.seq)
     ]
 
@@ -170,13 +155,13 @@ async def test_readings_wait_on_the_drone_until_a_station_is_there(field: Sensor
 async def test_a_uav_clients_embedded_broker_takes_readings_in(tmp_path: Path) -> None:
     field = SensorField(tmp_path)
     port, autopilot = free_port(), field.system.autopilots[1]
-    uav: Any = None
+    uav = Container(tmp_path / "contained-uav.log")
     try:
         await asyncio.to_thread(field.cloud.start)
         await asyncio.to_thread(field.fog.start)
         field.sitl.start()
         field.activator.start()
-        uav = _contained_uav(field.fog.url, autopilot, f"127.0.0.1:{port}")
+        _run(uav, field.fog.url, autopilot, f"127.0.0.1:{port}")
         heard: list[SensorReading] = []
         async with GroundStation(field.cloud.url) as station:
             (fog,) = await station.connect([1], timeout_s=60)
@@ -184,48 +169,40 @@ async def test_a_uav_clients_embedded_broker_takes_readings_in(tmp_path: Path) -
             listening = asyncio.create_task(_listen(station, heard))
             events = ["--events", str(field.events), "--rate", "20", "--samples", "20"]
             sensor = Process(tmp_path, "sensor", "sensor", "--broker", f"mqtt://127.0.0.1:{port}", *events).start()
-            assert await asyncio.to_thread(sensor.wait) == 0, uav.logs().decode()
+            assert await asyncio.to_thread(sensor.wait) == 0, uav.said()
             await eventually(lambda: len(heard) == 20 * KINDS, "every reading")
             listening.cancel()
         assert _as_measured(heard) == field.measured()
     finally:
-        if uav is not None:
-            print(uav.logs().decode())
-            uav.remove(force=True)
-        print(field.activator.log.read_text(), field.sitl.log.read_text())
-        for process in (field.activator, field.sitl):
+        for process in (uav, field.activator, field.sitl):
             process.kill()
         for broker in (field.fog, field.cloud):
             broker.kill()
 
 
-async def test_a_port_for_sensors_that_is_taken_is_one_line_and_keeps_no_drone_without_its_client() -> None:
+async def test_a_port_for_sensors_that_is_taken_is_one_line_and_keeps_no_drone_without_its_client(
+    tmp_path: Path,
+) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         address = f"127.0.0.1:{taken.getsockname()[1]}"
-        uav = _contained_uav("mqtt://127.0.0.1:1", free_port(socket.SOCK_DGRAM), address)
+        uav = Container(tmp_path / "contained-uav.log")
         try:
+            _run(uav, "mqtt://127.0.0.1:1", free_port(socket.SOCK_DGRAM), address)
             said = f"--sensors {address}: Address already in use; the broker starts once it can listen there"
-            await eventually(lambda: said in uav.logs().decode(), "the line")
-            await asyncio.to_thread(uav.reload)
-            assert uav.status == "running"
+            await eventually(lambda: said in uav.said(), "the line")
+            assert await asyncio.to_thread(uav.ended) is None
         finally:
-            uav.remove(force=True)
+            uav.kill()
 
 
-def _contained_uav(fog: str, autopilot_port: int, sensors: str) -> Any:
+def _run(uav: Container, fog: str, autopilot_port: int, sensors: str) -> None:
     """`mqttxt uav` with its embedded broker, from the testbed's image but with the code as it is here."""
     options = ["--drone", "1", "--broker", fog, "--autopilot", f"udp:127.0.0.1:{autopilot_port}"]
     files = ["--journal", "/tmp/uav1.journal", "--sensor-store", "/tmp/uav1.sensors"]
-    return docker.from_env().containers.run(
-        NODE,
-        ["mqttxt", "uav", *options, *files, "--sensors", sensors],
-        network_mode="host",
-        init=True,
-        detach=True,
-        volumes={str(ROOT / "services"): {"bind": "/opt/services", "mode": "ro"}},
-    )
+    volumes = {str(ROOT / "services"): {"bind": "/opt/services", "mode": "ro"}}
+    uav.run(["mqttxt", "uav", *options, *files, "--sensors", sensors], init=True, volumes=volumes)
 
 
 def _acknowledged(tap: Tap) -> set[ReadingKey]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -40,8 +40,7 @@ class Fleet:
         return named.get(leg) or [self.links[leg]]
 
     def anew(self) -> Salvo:
-        """A salvo of its own; it goes on where the last one's longitudes ended."""
-        self.salvo = replace(self.salvo, sent=[], unsent=0)
+        self.salvo = self.salvo.anew()
         return self.salvo
 
 

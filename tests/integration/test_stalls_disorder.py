@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -69,7 +69,7 @@ async def fleet(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fleet
 )
 async def test_no_command_is_executed_late_or_twice_in_disorder(fleet: Fleet, hops: tuple[str, ...]) -> None:
     await all_reachable(fleet.fog)
-    salvo = fleet.salvo = replace(fleet.salvo, sent=[], unsent=0)
+    salvo = fleet.salvo = fleet.salvo.anew()
     before = sum(one.repeated for one in fleet.disorder.values())
     for hop in hops:
         fleet.disorder[hop].delay_s = DELAY_S

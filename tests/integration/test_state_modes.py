@@ -7,16 +7,17 @@ import contextlib
 import json
 from collections import Counter
 from collections.abc import AsyncIterator
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
-from paho.mqtt.client import Client
-from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.client import MQTTMessage
 
 from mission.events import EventLog
 from mission.mqttxt_fleet import FIVE_STATES, MqttxtFleet
+from tests.rigs.plain_client import plain_client
 from tests.rigs.processes import System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -26,36 +27,17 @@ TURNS = 4
 SET_MESSAGE_INTERVAL = 511
 
 
-class Listener:
-    """How often each topic was published at a broker."""
-
-    def __init__(self, port: int) -> None:
-        self.heard: Counter[str] = Counter()
-        self._client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)
-        self._client.on_connect = lambda client, *_: client.subscribe("#")
-        self._client.on_message = lambda _client, _data, message: self.heard.update([message.topic])
-        self._client.connect("127.0.0.1", port)
-        self._client.loop_start()
-
-    def close(self) -> None:
-        self._client.disconnect()
-        self._client.loop_stop()
-
-
 class Flown:
-    """A fleet that has set up, what its ground station wrote down since, and what crossed the two brokers since."""
+    """A fleet that has set up, what its ground station wrote down since, and how often each topic was published since
+    at the two brokers."""
 
     def __init__(self, system: System, fleet: MqttxtFleet, events: Path) -> None:
         self.system = system
         self.fleet = fleet
         self._path = events
         self._before = len(self.events())
-        self.cloud = Listener(system.cloud.port)
-        self.fog = Listener(system.fog.port)
-
-    def close(self) -> None:
-        self.cloud.close()
-        self.fog.close()
+        self.cloud: Counter[str] = Counter()
+        self.fog: Counter[str] = Counter()
 
     def events(self) -> list[dict[str, Any]]:
         return [json.loads(line) for line in self._path.read_text().splitlines()]
@@ -87,8 +69,14 @@ async def set_up(folder: Path, states: str, streams: str = "px4-normal") -> Asyn
         stack.push_async_callback(fleet.close)
         await fleet.connect(30)
         flown = Flown(system, fleet, folder / "events.jsonl")
-        stack.callback(flown.close)
+        for broker, counted in ((system.cloud, flown.cloud), (system.fog, flown.fog)):
+            hear = partial(_count, counted)
+            stack.enter_context(plain_client(broker.port, "#", heard=hear))
         yield flown
+
+
+def _count(counted: Counter[str], message: MQTTMessage) -> None:
+    counted[message.topic] += 1
 
 
 @pytest.mark.parametrize("streams", ["px4-normal", "five-states"])
@@ -99,17 +87,17 @@ async def test_fixed_tells_five_states_in_step_though_nothing_changes(tmp_path: 
         assert max(counts) <= TURNS + 3
         repeats = [told[drone, name] for drone in DRONES for name in ("armed", "landed_state")]
         assert max(repeats) <= 1, "what does not change is only repeated, every 30 s"
-        assert not [topic for topic in flown.cloud.heard if topic.endswith("/states")]
-        assert flown.cloud.heard["fog1/drone2/state/heading"] >= TURNS - 1
+        assert not [topic for topic in flown.cloud if topic.endswith("/states")]
+        assert flown.cloud["fog1/drone2/state/heading"] >= TURNS - 1
 
 
 async def test_bundle_tells_the_same_in_one_message_a_second_on_both_hops(tmp_path: Path) -> None:
     async with set_up(tmp_path, "bundle") as flown:
         await flown.turns()
-        alone = [topic for listener in (flown.fog, flown.cloud) for topic in listener.heard if "/state/" in topic]
+        alone = [topic for counted in (flown.fog, flown.cloud) for topic in counted if "/state/" in topic]
         assert alone == []
-        assert min(flown.fog.heard[f"drone{drone}/states"] for drone in DRONES) >= TURNS - 1
-        assert flown.cloud.heard["fog1/states"] <= 3 * flown.fog.heard["drone1/states"]
+        assert min(flown.fog[f"drone{drone}/states"] for drone in DRONES) >= TURNS - 1
+        assert flown.cloud["fog1/states"] <= 3 * flown.fog["drone1/states"]
 
 
 @pytest.mark.parametrize("states", ["bundle", "fixed"])
@@ -124,14 +112,14 @@ async def test_words_of_a_broadcast_leave_together_for_a_station_that_bundles(tm
 
         def came() -> tuple[int, int]:
             """Messages of the fog, with the roster or words together, and with one word."""
-            heard = flown.cloud.heard
+            heard = flown.cloud
             return heard["fog1/commands_result/arm"], sum(heard[f"fog1/{topic}"] for topic in below)
 
         if states == "fixed":
             await eventually(lambda: came() == (1, 4), "the roster and each word came alone")
         else:
             await eventually(lambda: came()[0] >= 1, "the roster came")
-            assert sum(came()) < 1 + sum(flown.fog.heard[topic] for topic in below)
+            assert sum(came()) < 1 + sum(flown.fog[topic] for topic in below)
 
 
 async def test_on_change_asks_for_no_rate_and_repeats_nothing(tmp_path: Path) -> None:

@@ -70,840 +70,472 @@ from mqttxt.station.fog import FogView
 from mqttxt.station.role import StationRole
 
 Patch = Callable[[], None]
+Replacement = Callable[..., Any]
+VARIANTS: dict[str, Patch] = {}
+"""What takes a rule away, by the variant's name."""
 
 
-def wrap(cls: Any, name: str, make: Callable[[Any], Any]) -> None:
-    """Replace a method by `make(original)`."""
-    setattr(cls, name, make(getattr(cls, name)))
-
-
-def uav_starts_late() -> None:
-    def make(original: Any) -> Any:
-        def on_command(self: Any, command: Any, retained: bool, now_ms: int) -> Any:
-            if command.deadline_ms and command.deadline_ms < now_ms:
-                command = replace(command, deadline_ms=now_ms + 3000)
-            return original(self, command, retained, now_ms)
-
-        return on_command
-
-    wrap(CommandDesk, "_on_command", make)
-
-
-def uav_takes_any_session() -> None:
-    def make(original: Any) -> Any:
-        def on_command(self: Any, command: Any, retained: bool, now_ms: int) -> Any:
-            return original(self, replace(command, executor_session=self._session), retained, now_ms)
-
-        return on_command
-
-    wrap(CommandDesk, "_on_command", make)
-
-
-def uav_executes_duplicates() -> None:
-    def make(original: Any) -> Any:
-        def examine(self: Any, command_id: Any, *more: Any) -> Any:
-            verdict = original(self, command_id, *more)
-            entry = self.get(command_id)
-            last = entry.record.last if verdict is Admission.DUPLICATE else None
-            if last is not None and last.word is Word.COMPLETED:
-                del self._entries[command_id]
-                return Admission.NEW
-            return verdict
-
-        return examine
-
-    wrap(Ledger, "examine", make)
-
-
-def uav_repeats_late() -> None:
-    def make(original: Any) -> Any:
-        def send(self: Any, run: Any, now_ms: int) -> Any:
-            run.deadline_ms += 60_000
-            return original(self, run, now_ms)
-
-        return send
-
-    wrap(CommandWriter, "_write", make)
-
-
-def uav_forgets_the_order() -> None:
-    def make(original: Any) -> Any:
-        def refusal(self: Any, *arguments: Any) -> Any:
-            self.order = StartOrder()
-            return original(self, *arguments)
-
-        return refusal
-
-    wrap(CommandDesk, "_refusal", make)
-
-
-def speaks_over_one() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, effect: original(self, replace(effect, everywhere=False))
-
-    wrap(Bond, "publish", make)
-
-
-def uav_takes_retained() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, command, retained, now_ms: original(self, command, False, now_ms)
-
-    wrap(CommandDesk, "_on_command", make)
-
-
-def uav_repeats_behind_a_pilot() -> None:
-    command_writer.is_taken_over = lambda run, vehicle: False
-
-
-def uav_takes_one_refusal_for_all() -> None:
-    def make(original: Any) -> Any:
-        def on_refusal(self: Any, run: Any, *more: Any) -> Any:
-            run.acks = run.sends
-            return original(self, run, *more)
-
-        return on_refusal
-
-    wrap(Acknowledgements, "_on_refusal", make)
-
-
-def uav_arms_again() -> None:
-    def make(original: Any) -> Any:
-        def await_ack(self: Any, run: Any, now_ms: int) -> Any:
-            run.has_shown = False
-            return original(self, run, now_ms)
-
-        return await_ack
-
-    wrap(CommandWriter, "await_ack", make)
-
-
-def uav_writes_behind_a_pilot() -> None:
-    command_writer.is_overridden = lambda run, runs, vehicle: False
-
-
-def uav_gives_modes_no_time() -> None:
-    interruptions.MODE_GRACE_MS = 0
-
-
-def uav_plans(**changed: Any) -> Patch:
-    """Plans of commands with other fields."""
+def replaced(owner: Any, name: str, by: Replacement) -> Patch:
+    """Puts `by` in the place of a method or a function, which it gets as its first argument."""
 
     def patch() -> None:
-        def make(original: Any) -> Any:
-            return lambda self, command, now_ms: replace(original(self, command, now_ms), **changed)
-
-        wrap(CommandWriter, "plan", make)
+        original = getattr(owner, name)
+        setattr(owner, name, lambda *given, **named: by(original, *given, **named))
 
     return patch
 
 
-def uav_holds_in_its_own_name() -> None:
-    command_writer.HALTING = (Source.COMPANION,)
+def variant(owner: Any, name: str, *others: str) -> Callable[[Replacement], Replacement]:
+    """A function that takes a method's place is a variant, called as the function is, with dashes, and as `others`."""
 
+    def register(by: Replacement) -> Replacement:
+        for called in (by.__name__.replace("_", "-"), *others):
+            VARIANTS[called] = replaced(owner, name, by)
+        return by
 
-def uav_lets_a_disarm_wait() -> None:
-    command_writer.COMMANDING = (Source.COMPANION,)
+    return register
 
 
-def uav_holds_by_mode_alone() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, vehicle, now_ms: self._mode(vehicle, FlightModeName.HOLD, px4.holds)
+def with_values(module: Any, **values: Any) -> Patch:
+    """Gives names of a module other values."""
+    return lambda: vars(module).update(values)
 
-    wrap(px4.Px4, "_hold", make)
 
+def both(*patches: Patch) -> Patch:
+    def patch() -> None:
+        for each in patches:
+            each()
 
-def uav_halts_by_heartbeats_alone() -> None:
-    wrap(Vehicle, "is_heard", lambda original: lambda self, now_ms: self.is_alive(now_ms))
+    return patch
 
 
-def uav_writes_what_is_flown_later() -> None:
-    command_writer.check = lambda command, vehicle, now_ms: None
+def unsigned(cls: type) -> Patch:
+    """Messages of a class leave without a signature."""
 
+    def payload(original: Any, self: Any, topic: str, message: Any, *more: Any, **how: Any) -> Any:
+        return encode(message) if isinstance(message, cls) else original(self, topic, message, *more, **how)
 
-def uav_believes_a_restart() -> None:
-    wrap(Boots, "on_message", lambda original: lambda self, *arguments: None)
+    return replaced(Channel, "payload", payload)
 
 
-def uav_goes_on_after_a_stall() -> None:
-    wrap(Executor, "stood_still", lambda original: lambda self: None)
+def planned(**changed: Any) -> Patch:
+    """Plans of commands have other fields."""
+    return replaced(
+        CommandWriter,
+        "plan",
+        lambda original, self, command, now_ms: replace(original(self, command, now_ms), **changed),
+    )
 
 
-def uav_holds_against_a_pilot() -> None:
-    def make(original: Any) -> Any:
-        def observe_offboard(self: Any, run: Any, now_ms: int) -> Any:
-            is_running = run.phase is Phase.RUNNING
-            reason = executor.interrupted(run, self._runs, self.vehicle, now_ms) if is_running else None
-            return self._pilot.stop(run, Word.FAILED, reason, now_ms) if reason is not None else []
+@variant(CommandDesk, "_on_command")
+def uav_starts_late(original: Any, self: Any, command: Any, retained: bool, now_ms: int) -> Any:
+    if command.deadline_ms and command.deadline_ms < now_ms:
+        command = replace(command, deadline_ms=now_ms + 3000)
+    return original(self, command, retained, now_ms)
 
-        return observe_offboard
 
-    wrap(Executor, "_observe_offboard", make)
-    wrap(OffboardPilot, "_has_left", lambda original: lambda self, run: False)
+@variant(CommandDesk, "_on_command")
+def uav_takes_any_session(original: Any, self: Any, command: Any, *more: Any) -> Any:
+    return original(self, replace(command, executor_session=self._session), *more)
 
 
-def uav_holds_once() -> None:
-    offboard.HOLD_AGAIN_MS = 60_000
+@variant(CommandDesk, "_on_command")
+def uav_takes_retained(original: Any, self: Any, command: Any, retained: bool, now_ms: int) -> Any:
+    return original(self, command, False, now_ms)
 
 
-def uav_leaves_in_offboard() -> None:
-    wrap(OffboardPilot, "leave", lambda original: lambda self, now_ms: [])
+@variant(Ledger, "examine", "uav-executes-each-copy")
+def uav_executes_duplicates(original: Any, self: Any, command_id: Any, *more: Any) -> Any:
+    verdict = original(self, command_id, *more)
+    entry = self.get(command_id)
+    last = entry.record.last if verdict is Admission.DUPLICATE else None
+    if last is not None and last.word is Word.COMPLETED:
+        del self._entries[command_id]
+        return Admission.NEW
+    return verdict
 
 
-def uav_says_nothing_anew() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, lease, now_ms: original(self, replace(lease, anew=None), now_ms)
+@variant(CommandWriter, "_write")
+def uav_repeats_late(original: Any, self: Any, run: Any, now_ms: int) -> Any:
+    run.deadline_ms += 60_000
+    return original(self, run, now_ms)
 
-    wrap(UavClient, "_on_lease", make)
 
+@variant(CommandDesk, "_refusal")
+def uav_forgets_the_order(original: Any, self: Any, *arguments: Any) -> Any:
+    self.order = StartOrder()
+    return original(self, *arguments)
 
-def uav_says_what_it_does_not_know() -> None:
-    published_states.LOST_MS = 1_000_000_000
 
+@variant(Bond, "publish", "activator-speaks-over-one")
+def uav_speaks_over_one(original: Any, self: Any, effect: Any) -> Any:
+    return original(self, replace(effect, everywhere=False))
 
-def does_not_ask_whether_it_is_heard() -> None:
-    hearing.SILENT_MS = 1_000_000_000
 
+@variant(Acknowledgements, "_on_refusal")
+def uav_takes_one_refusal_for_all(original: Any, self: Any, run: Any, *more: Any) -> Any:
+    run.acks = run.sends
+    return original(self, run, *more)
 
-def stays_deaf() -> None:
-    hearing.ANSWER_MS = 1_000_000_000
 
+@variant(CommandWriter, "await_ack")
+def uav_arms_again(original: Any, self: Any, run: Any, now_ms: int) -> Any:
+    run.has_shown = False
+    return original(self, run, now_ms)
 
-def uav_writes_parameters_again() -> None:
-    original = parameter_protocol.read
 
-    def read(system: int, name: str, bytewise: bool, sends: int = parameter_protocol.SENDS) -> Any:
-        found = yield from original(system, name, bytewise, sends)
-        is_before = sends == parameter_protocol.FEW_SENDS
-        return replace(found, value=found.value + 1) if is_before else found
+@variant(px4.Px4, "_hold")
+def uav_holds_by_mode_alone(original: Any, self: Any, vehicle: Any, now_ms: int) -> Any:
+    return self._mode(vehicle, FlightModeName.HOLD, px4.holds)
 
-    parameter_protocol.read = read
 
+def observe_offboard(original: Any, self: Any, run: Any, now_ms: int) -> Any:
+    is_running = run.phase is Phase.RUNNING
+    reason = executor.interrupted(run, self._runs, self.vehicle, now_ms) if is_running else None
+    return self._pilot.stop(run, Word.FAILED, reason, now_ms) if reason is not None else []
 
-def uav_guards_no_parameter() -> None:
-    parameter_settings.is_guarded = lambda name: False
 
+@variant(UavClient, "_on_lease")
+def uav_says_nothing_anew(original: Any, self: Any, lease: Any, now_ms: int) -> Any:
+    return original(self, replace(lease, anew=None), now_ms)
 
-def uav_sets_parameters_late() -> None:
-    def make(original: Any) -> Any:
-        def start(self: Any, command_id: Any, command: Any, deadline_ms: int, *more: Any) -> Any:
-            return original(self, command_id, command, deadline_ms + 60_000, *more)
 
-        return start
+@variant(parameter_protocol, "read")
+def uav_writes_parameters_again(
+    original: Any, system: int, name: str, bytewise: bool, sends: int = parameter_protocol.SENDS
+) -> Any:
+    found = yield from original(system, name, bytewise, sends)
+    is_before = sends == parameter_protocol.FEW_SENDS
+    return replace(found, value=found.value + 1) if is_before else found
 
-    wrap(ParameterSettings, "start", make)
 
+@variant(ParameterSettings, "start")
+def uav_sets_parameters_late(
+    original: Any, self: Any, command_id: Any, command: Any, deadline_ms: int, *more: Any
+) -> Any:
+    return original(self, command_id, command, deadline_ms + 60_000, *more)
 
-def uav_gives_every_set_whole() -> None:
-    wrap(ParameterCopy, "_packed", lambda original: lambda self, found, known: found.packed())
 
+@variant(CommandDesk, "_audited")
+def uav_audits_no_words(original: Any, self: Any, word: Any, now_ms: int) -> Any:
+    return replace(original(self, word, now_ms), event="said")
 
-def uav_asks_for_logs_armed() -> None:
-    wrap(LogReader, "_refusal", lambda original: lambda self, now_ms: None)
 
+@variant(Seal, "verified")
+def uav_verifies_nothing(original: Any, self: Any, envelope: Any, topic: Any, expected: Any) -> Any:
+    try:
+        return original(self, envelope, topic, expected)
+    except PayloadError as error:
+        if error.kind != "forged":
+            raise
+        known = [each for certificates in self._known.values() for each in certificates if expected(each)]
+        return Signed(known[0], envelope)
 
-def uav_reads_logs_first() -> None:
-    wrap(LogReader, "give_way", lambda original: lambda self, now_ms: [])
 
+@variant(CommandDesk, "_tightened")
+def uav_believes_the_route(original: Any, self: Any, command: Any, route: Any) -> Any:
+    return command if route is None else replace(command, deadline_ms=route)
 
-def uav_audits_no_words() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, word, now_ms: replace(original(self, word, now_ms), event="said")
 
-    wrap(CommandDesk, "_audited", make)
+@variant(Channel, "opened")
+def uav_takes_anybodys_lease(original: Any, self: Any, message: Any, *more: Any) -> Any:
+    try:
+        return original(self, message, *more)
+    except PayloadError:
+        return Envelope.parse(message.payload).payload
 
 
-def uav_signs_for_another_link() -> None:
-    signing.LINK_ID = 1
+@variant(bulk, "_answered")
+def uav_forgets_the_question(original: Any, ask: Any, answer: Any) -> Any:
+    return original(replace(ask, nonce=0), answer)
 
 
-def uav_hears_what_is_not_signed() -> None:
-    wrap(signing.Signing, "judge", lambda original: lambda self, message, now_s: message)
+def topics_stay_wanted(original: Any, self: Any, *arguments: Any) -> None:
+    original(self, *arguments)
+    self.want_topics = self.want_topics or not self._leases
 
 
-def uav_is_always_a_ground_station() -> None:
-    wrap(UavClient, "is_controlled", lambda original: lambda self, now_ms: True)
+@variant(Relay, "_audited")
+def activator_audits_nobody(original: Any, self: Any, *arguments: Any) -> Any:
+    return replace(original(self, *arguments), who=None)
 
 
-def uav_verifies_nothing() -> None:
-    def make(original: Any) -> Any:
-        def verified(self: Any, envelope: Any, topic: Any, expected: Any) -> Any:
-            try:
-                return original(self, envelope, topic, expected)
-            except PayloadError as error:
-                if error.kind != "forged":
-                    raise
-                known = [each for certificates in self._known.values() for each in certificates if expected(each)]
-                return Signed(known[0], envelope)
+@variant(Relay, "_publish_command")
+def activator_forwards_the_deadline(original: Any, self: Any, entry: Any, leg: Any, remaining_ms: int) -> Any:
+    if leg.sent.deadline_ms > 0:
+        leg.sent = replace(leg.sent, deadline_ms=entry.record.deadline_ms)
+    return original(self, entry, leg, remaining_ms)
 
-        return verified
 
-    wrap(Seal, "verified", make)
+@variant(Relay, "_publish_command")
+def activator_copies_the_expiry(original: Any, self: Any, *arguments: Any) -> Any:
+    return replace(original(self, *arguments), expiry_s=3600)
 
 
-def uav_takes_everybodys_session() -> None:
-    for name in ("claim", "is_of"):
-        wrap(SessionOwners, name, lambda original: lambda self, session, signer: True)
+@variant(RelayWords, "on_result")
+def activator_says_two_last_words(original: Any, self: Any, link: Any, payload: bytes, name: str, now_ms: int) -> Any:
+    result = decode(ResultMessage, payload)
+    entry = self._ledger.get(result.id)
+    leg = entry.record.legs.get(link.number) if entry is not None else None
+    if leg is not None and leg.is_closed and leg.words[-1].word is Word.COMPLETED:
+        return [self._publish(link.number, name, replace(result, relay_stamp=stamp(now_ms)))]
+    return original(self, link, payload, name, now_ms)
 
 
-def uav_asks_for_no_right() -> None:
-    wrap(Rights, "may_command", lambda original: lambda self, drone: True)
+@variant(StateRelay, "_relay")
+def activator_stamps_on_arrival(original: Any, self: Any, link: Any, known: Any, now_ms: int, out: Any) -> Any:
+    if link.said_ms(known, now_ms) is not None:
+        known.said_ms = known.received_ms
+    return original(self, link, known, now_ms, out)
 
 
-def uav_believes_the_route() -> None:
-    def make(original: Any) -> Any:
-        def tightened(self: Any, command: Any, route: Any) -> Any:
-            return command if route is None else replace(command, deadline_ms=route)
+def unless_of_flight(original: Any, link: Any, cls: Any) -> Any:
+    return None if cls in (Armed, LandedState) else original(link, cls)
 
-        return tightened
 
-    wrap(CommandDesk, "_tightened", make)
+@variant(SensorRelay, "on_published")
+def activator_believes_every_puback(original: Any, self: Any, carried: Any, code: int, now_ms: int) -> Any:
+    self._safe.setdefault(carried.drone, []).append(carried.key)
+    return []
 
 
-def uav_takes_anybodys_lease() -> None:
-    def make(original: Any) -> Any:
-        def opened(self: Any, message: Any, *more: Any) -> Any:
-            try:
-                return original(self, message, *more)
-            except PayloadError:
-                return Envelope.parse(message.payload).payload
+@variant(SignedCommand, "for_drone")
+def activator_forgets_the_route(original: Any, self: Any, drone: int, deadline_ms: int) -> Any:
+    return self.envelopes[drone].encode()
 
-        return opened
 
-    wrap(Channel, "opened", make)
+@variant(SignedRegistrations, "read")
+def activator_registers_whatever_is_signed(
+    original: Any, self: Any, topic: str, payload: bytes, leases: Any, now_ms: int
+) -> Any:
+    return decode(Registration, Envelope.parse(payload).payload)
 
 
-def uav_outlives_its_grant() -> None:
-    wrap(Grants, "bound", lambda original: lambda self, station, session, *ends: ends)
+@variant(Drones, "on_presence")
+def activator_believes_every_will(original: Any, self: Any, number: int, presence: Any, *more: Any) -> Any:
+    return original(self, number, replace(presence, several=None), *more)
 
 
-def uav_goes_by_births_alone() -> None:
-    wrap(SessionOwners, "restore", lambda original: lambda self, session, station: None)
+@variant(Drones, "_publish_lease")
+def activator_names_no_holder(original: Any, self: Any, link: Any, lease: Any) -> Any:
+    return original(self, link, replace(lease, holder=None))
 
 
-def uav_signs_no_words() -> None:
-    def make(original: Any) -> Any:
-        def payload(self: Any, topic: str, message: Any, *more: Any, **how: Any) -> Any:
-            return (
-                encode(message) if isinstance(message, ResultMessage) else original(self, topic, message, *more, **how)
-            )
+@variant(RelayWords, "_publish")
+def activator_signs_drones_words(
+    original: Any, self: Any, drone: Any, name: Any, result: Any, signed: Any = None
+) -> Any:
+    return original(self, drone, name, result)
 
+
+@variant(WordsTogether, "flush")
+def activator_loses_a_word(original: Any, self: Any, now_ms: int) -> Any:
+    self._waiting = self._waiting[-1:]
+    return original(self, now_ms)
+
+
+@variant(WordsTogether, "flush")
+def activator_forgets_the_roster(original: Any, self: Any, now_ms: int) -> Any:
+    self._roster = None if self._waiting else self._roster
+    return original(self, now_ms)
+
+
+@variant(StationCommands, "_addressed")
+def gs_counts_nothing(original: Any, self: Any, *arguments: Any) -> Any:
+    self._seq = 0
+    return original(self, *arguments)
+
+
+@variant(StationCommands, "_addressed")
+def gs_gives_more_time(original: Any, self: Any, *arguments: Any) -> Any:
+    fields = original(self, *arguments)
+    return fields | {"deadline_ms": fields["deadline_ms"] + 200}
+
+
+@variant(StationCommands, "_pend")
+def gs_retains_commands(original: Any, self: Any, *arguments: Any) -> Any:
+    pending = original(self, *arguments)
+    pending.publish = replace(pending.publish, retain=True)
+    return pending
+
+
+@variant(FogView, "tick")
+def gs_never_renews(original: Any, self: Any, now_ms: int) -> Any:
+    self._next_registration_ms = now_ms + 1000
+    return original(self, now_ms)
+
+
+@variant(StationCommands, "_tick_one")
+def gs_refreshes_what_it_sends_again(original: Any, self: Any, *arguments: Any) -> Any:
+    found = original(self, *arguments)
+    for index, effect in enumerate(found):
+        if isinstance(effect, Publish):
+            again = decode(CommandMessage, effect.payload)
+            again = replace(again, deadline_ms=again.deadline_ms + 5000)
+            found[index] = replace(effect, payload=encode(again))
+    return found
+
+
+@variant(FogView, "registration")
+def gs_is_never_anew(original: Any, self: Any, *arguments: Any, **how: Any) -> Any:
+    publish = original(self, *arguments, **how)
+    return replace(publish, payload=encode(replace(decode(Registration, publish.payload), anew=None)))
+
+
+@variant(FogView, "registration")
+def gs_counts_no_registrations(original: Any, self: Any, *arguments: Any, **how: Any) -> Any:
+    self._counter = 1
+    return original(self, *arguments, **how)
+
+
+@variant(FogView, "_grant")
+def gs_grants_too_much(original: Any, self: Any, drone: Any, clock: Any, now_ms: int) -> Any:
+    return original(self, drone, clock, now_ms + 60_000)
+
+
+@variant(StationRole, "goodbye")
+def gs_leaves_its_lease(original: Any, self: Any, now_ms: int) -> Any:
+    return original(self, now_ms)[-1:]
+
+
+@variant(DroneWords, "result")
+def gs_believes_anybody(original: Any, self: Any, fog: Any, topic: Any, message: Any) -> Any:
+    return decode(ResultMessage, without_signature(message.payload)), f"drone{topic.drone}"
+
+
+@variant(StationRole, "_on_fog_result")
+def gs_reads_no_words_together(original: Any, self: Any, fog: Any, topic: Any, message: Any, now_ms: int) -> Any:
+    if decode(FogResultMessage, message.payload).words is not None:
+        return []
+    return original(self, fog, topic, message, now_ms)
+
+
+@variant(Channel, "opened_reading", "activator-takes-any-reading")
+def gs_takes_any_reading(original: Any, self: Any, payload: bytes, *more: Any) -> bytes:
+    return without_signature(payload)
+
+
+def without_signature(payload: bytes) -> bytes:
+    """What a payload carries, whoever signed it, if anybody."""
+    try:
+        return Envelope.parse(payload).payload
+    except PayloadError:
         return payload
 
-    wrap(Channel, "payload", make)
 
-
-def uav_forgets_the_question() -> None:
-    original = bulk._answered
-    bulk._answered = lambda ask, answer: original(replace(ask, nonce=0), answer)
-
-
-def activator_keeps_the_gate_open() -> None:
-    def make(original: Any) -> Any:
-        def changed(self: Any, *arguments: Any) -> None:
-            original(self, *arguments)
-            self.want_topics = self.want_topics or not self._leases
-
-        return changed
-
-    wrap(Leases, "__bool__", lambda original: lambda self: True)
-    wrap(Leases, "__init__", make)
-    wrap(Leases, "_look_at_forms", make)
-
-
-def activator_audits_nobody() -> None:
-    wrap(Relay, "_audited", lambda original: lambda self, *arguments: replace(original(self, *arguments), who=None))
-
-
-def activator_forwards_the_deadline() -> None:
-    def make(original: Any) -> Any:
-        def publish(self: Any, entry: Any, leg: Any, remaining_ms: int) -> Any:
-            if leg.sent.deadline_ms > 0:
-                leg.sent = replace(leg.sent, deadline_ms=entry.record.deadline_ms)
-            return original(self, entry, leg, remaining_ms)
-
-        return publish
-
-    wrap(Relay, "_publish_command", make)
-
-
-def activator_says_two_last_words() -> None:
-    def make(original: Any) -> Any:
-        def on_result(self: Any, link: Any, payload: bytes, name: str, now_ms: int) -> Any:
-            result = decode(ResultMessage, payload)
-            entry = self._ledger.get(result.id)
-            leg = entry.record.legs.get(link.number) if entry is not None else None
-            if leg is not None and leg.is_closed and leg.words[-1].word is Word.COMPLETED:
-                return [self._publish(link.number, name, replace(result, relay_stamp=stamp(now_ms)))]
-            return original(self, link, payload, name, now_ms)
-
-        return on_result
-
-    wrap(RelayWords, "on_result", make)
-
-
-def activator_copies_the_expiry() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, *arguments: replace(original(self, *arguments), expiry_s=3600)
-
-    wrap(Relay, "_publish_command", make)
-
-
-def activator_stamps_on_arrival() -> None:
-    def make(original: Any) -> Any:
-        def relay(self: Any, link: Any, known: Any, now_ms: int, out: Any) -> Any:
-            if link.said_ms(known, now_ms) is not None:
-                known.said_ms = known.received_ms
-            return original(self, link, known, now_ms, out)
-
-        return relay
-
-    wrap(StateRelay, "_relay", make)
-
-
-def activator_answers_nothing_anew() -> None:
-    wrap(Stations, "_show", lambda original: lambda self, what, now_ms: [])
-
-
-def activator_obeys_everybody() -> None:
-    wrap(Leases, "refusal", lambda original: lambda self, *arguments: None)
-
-
-def activator_chooses_who_cannot_go() -> None:
-    psmi.USED = tuple(state for state in psmi.USED if state not in (Armed, LandedState))
-    value = psmi._value
-    psmi._value = lambda link, cls: None if cls in (Armed, LandedState) else value(link, cls)
-
-
-def activator_believes_every_puback() -> None:
-    def make(original: Any) -> Any:
-        def on_published(self: Any, carried: Any, code: int, now_ms: int) -> Any:
-            self._safe.setdefault(carried.drone, []).append(carried.key)
-            return []
-
-        return on_published
-
-    wrap(SensorRelay, "on_published", make)
-
-
-def activator_forgets_the_route() -> None:
-    wrap(SignedCommand, "for_drone", lambda original: lambda self, drone, deadline_ms: self.envelopes[drone].encode())
-
-
-def activator_registers_whatever_is_signed() -> None:
-    def make(original: Any) -> Any:
-        def read(self: Any, topic: str, payload: bytes, leases: Any, now_ms: int) -> Any:
-            return decode(Registration, Envelope.parse(payload).payload)
-
-        return read
-
-    wrap(SignedRegistrations, "read", make)
-
-
-def activator_signs_no_records() -> None:
-    def make(original: Any) -> Any:
-        def payload(self: Any, topic: str, message: Any, *more: Any, **how: Any) -> Any:
-            return encode(message) if isinstance(message, DroneRecord) else original(self, topic, message, *more, **how)
-
-        return payload
-
-    wrap(Channel, "payload", make)
-
-
-def activator_believes_every_will() -> None:
-    def make(original: Any) -> Any:
-        def on_presence(self: Any, number: int, presence: Any, *more: Any) -> Any:
-            return original(self, number, replace(presence, several=None), *more)
-
-        return on_presence
-
-    wrap(Drones, "on_presence", make)
-
-
-def activator_names_no_holder() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, link, lease: original(self, link, replace(lease, holder=None))
-
-    wrap(Drones, "_publish_lease", make)
-
-
-def activator_signs_drones_words() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, drone, name, result, signed=None: original(self, drone, name, result)
-
-    wrap(RelayWords, "_publish", make)
-
-
-def gs_counts_nothing() -> None:
-    def make(original: Any) -> Any:
-        def addressed(self: Any, *arguments: Any) -> Any:
-            self._seq = 0
-            return original(self, *arguments)
-
-        return addressed
-
-    wrap(StationCommands, "_addressed", make)
-
-
-def gs_retains_commands() -> None:
-    def make(original: Any) -> Any:
-        def pend(self: Any, *arguments: Any) -> Any:
-            pending = original(self, *arguments)
-            pending.publish = replace(pending.publish, retain=True)
-            return pending
-
-        return pend
-
-    wrap(StationCommands, "_pend", make)
-
-
-def gs_never_renews() -> None:
-    def make(original: Any) -> Any:
-        def tick(self: Any, now_ms: int) -> Any:
-            self._next_registration_ms = now_ms + 1000
-            return original(self, now_ms)
-
-        return tick
-
-    wrap(FogView, "tick", make)
-
-
-def gs_gives_more_time() -> None:
-    def make(original: Any) -> Any:
-        def addressed(self: Any, *arguments: Any) -> Any:
-            fields = original(self, *arguments)
-            return fields | {"deadline_ms": fields["deadline_ms"] + 200}
-
-        return addressed
-
-    wrap(StationCommands, "_addressed", make)
-
-
-def gs_refreshes_what_it_sends_again() -> None:
-    def make(original: Any) -> Any:
-        def tick_one(self: Any, *arguments: Any) -> Any:
-            found = original(self, *arguments)
-            for index, effect in enumerate(found):
-                if isinstance(effect, Publish):
-                    again = decode(CommandMessage, effect.payload)
-                    again = replace(again, deadline_ms=again.deadline_ms + 5000)
-                    found[index] = replace(effect, payload=encode(again))
-            return found
-
-        return tick_one
-
-    wrap(StationCommands, "_tick_one", make)
-
-
-def gs_is_never_anew() -> None:
-    def make(original: Any) -> Any:
-        def registration(self: Any, *args: Any, **how: Any) -> Any:
-            publish = original(self, *args, **how)
-            return replace(publish, payload=encode(replace(decode(Registration, publish.payload), anew=None)))
-
-        return registration
-
-    wrap(FogView, "registration", make)
-
-
-def gs_leaves_its_lease() -> None:
-    wrap(StationRole, "goodbye", lambda original: lambda self, now_ms: original(self, now_ms)[-1:])
-
-
-def gs_believes_anybody() -> None:
-    def make(original: Any) -> Any:
-        def believed(self: Any, fog: Any, topic: Any, message: Any) -> Any:
-            try:
-                payload = Envelope.parse(message.payload).payload
-            except PayloadError:
-                payload = message.payload
-            return decode(ResultMessage, payload), f"drone{topic.drone}"
-
-        return believed
-
-    wrap(DroneWords, "result", make)
-
-
-def gs_reads_no_words_together() -> None:
-    def make(original: Any) -> Any:
-        def on_fog_result(self: Any, fog: Any, topic: Any, message: Any, now_ms: int) -> Any:
-            if decode(FogResultMessage, message.payload).words is not None:
-                return []
-            return original(self, fog, topic, message, now_ms)
-
-        return on_fog_result
-
-    wrap(StationRole, "_on_fog_result", make)
-
-
-def activator_loses_a_word() -> None:
-    def make(original: Any) -> Any:
-        def flush(self: Any, now_ms: int) -> Any:
-            self._waiting = self._waiting[-1:]
-            return original(self, now_ms)
-
-        return flush
-
-    wrap(WordsTogether, "flush", make)
-
-
-def activator_forgets_the_roster() -> None:
-    def make(original: Any) -> Any:
-        def flush(self: Any, now_ms: int) -> Any:
-            self._roster = None if self._waiting else self._roster
-            return original(self, now_ms)
-
-        return flush
-
-    wrap(WordsTogether, "flush", make)
-
-
-def gs_counts_no_registrations() -> None:
-    def make(original: Any) -> Any:
-        def registration(self: Any, *arguments: Any, **more: Any) -> Any:
-            self._counter = 1
-            return original(self, *arguments, **more)
-
-        return registration
-
-    wrap(FogView, "registration", make)
-
-
-def gs_grants_too_much() -> None:
-    def make(original: Any) -> Any:
-        def grant(self: Any, drone: Any, clock: Any, now_ms: int) -> Any:
-            return original(self, drone, clock, now_ms + 60_000)
-
-        return grant
-
-    wrap(FogView, "_grant", make)
-
-
-def takes_any_reading() -> None:
-    def make(original: Any) -> Any:
-        def opened_reading(self: Any, payload: bytes, *more: Any) -> bytes:
-            try:
-                return Envelope.parse(payload).payload
-            except PayloadError:
-                return payload
-
-        return opened_reading
-
-    wrap(Channel, "opened_reading", make)
-
-
-def takes_repetitions() -> None:
-    def make(original: Any) -> Any:
-        def is_new(self: Any, msg_id: int) -> bool:
-            return original(self, msg_id) or self.is_last(msg_id)
-
-        return is_new
-
-    wrap(Receiver, "is_new", make)
-
-
-def marks_no_repetition() -> None:
-    original = packets.encode
-    packets.encode = lambda packet: original(replace(packet, dup=False) if hasattr(packet, "dup") else packet)
-
-
-def skips_message_ids() -> None:
-    wrap(Sender, "_next_id", lambda original: lambda self: (original(self), original(self))[1])
-
-
-def uav_greets_without_a_will() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, client_id, will, *more: original(self, client_id, None, *more)
-
-    wrap(SnClient, "__init__", make)
-
-
-def uav_subscribes_to_what_is_kept() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, effect, *more: original(self, replace(effect, live_only=False), *more)
-
-    wrap(SnClient, "subscribe", make)
-
-
-def uav_repeats_states_at_once() -> None:
-    client.CONFIRM_S = 0.2
-
-
-def uav_waits_for_a_word() -> None:
-    client.QUIET_S = 60.0
-
-
-def uav_takes_every_puback() -> None:
-    client._in_mqtt_5 = lambda done, code: done(0)
-
-
-def forgets_pieces() -> None:
-    def make(original: Any) -> Any:
-        def take(self: Any, piece: bytes) -> Any:
-            self._came = b""
-            return original(self, piece)
-
-        return take
-
-    wrap(Unpacker, "take", make)
-
-
-def gateway_reflects() -> None:
-    address_proof.REFLECTED = 1_000_000
-
-
-def gateway_serves_every_topic() -> None:
-    wrap(AirClient, "_may", lambda original: lambda self, rule, topic, now_s: True)
-
-
-def gateway_passes_every_list() -> None:
-    wrap(AirClient, "_refusal", lambda original: lambda self, told, now_s: None)
-
-
-def gateway_lets_newcomers_in() -> None:
-    def make(original: Any) -> Any:
-        def on_connect(self: Any, packet: Any, *more: Any) -> Any:
-            rivals = [known for known in self._at.values() if known.client_id == packet.client_id]
-            for rival in rivals:
-                rival.stage, ours = air_client.Stage.GONE, rival.stage
-            answer = original(self, packet, *more)
-            for rival in rivals:
-                rival.stage = ours
-            return answer
-
-        return on_connect
-
-    wrap(Gateway, "_on_connect", make)
-
-
-def gateway_keeps_the_will() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, client_id, will: original(self, client_id, None)
-
-    wrap(_ToBroker, "open", make)
-
-
-def gateway_says_nothing_to_strangers() -> None:
-    def make(original: Any) -> Any:
-        def received(self: Any, datagram: bytes, address: Any, now_s: float) -> Any:
-            if address in self._at or isinstance(packets.decode(datagram), packets.Connect):
-                return original(self, datagram, address, now_s)
-            return None
-
-        return received
-
-    wrap(Gateway, "received", make)
-
-
-def gateway_knows_no_names() -> None:
-    wrap(OwnTopics, "register", lambda original: lambda self, topic: None)
-
-
-def gateway_tells_one_by_one() -> None:
-    wrap(Sender, "_is_single", lambda original: lambda self, told: self._fits_alone(told))
-
-
-VARIANTS: dict[str, Patch] = {
-    "air-uav-greets-without-a-will": uav_greets_without_a_will,
-    "air-uav-subscribes-to-what-is-kept": uav_subscribes_to_what_is_kept,
-    "air-uav-marks-no-repetition": marks_no_repetition,
-    "air-uav-takes-repetitions": takes_repetitions,
-    "air-uav-forgets-pieces": forgets_pieces,
-    "air-uav-takes-every-puback": uav_takes_every_puback,
-    "air-uav-waits-for-a-word": uav_waits_for_a_word,
-    "air-uav-repeats-states-at-once": uav_repeats_states_at_once,
-    "air-uav-skips-message-ids": skips_message_ids,
-    "air-activator-marks-no-repetition": marks_no_repetition,
-    "air-activator-takes-repetitions": takes_repetitions,
-    "air-activator-knows-no-names": gateway_knows_no_names,
-    "air-activator-serves-every-topic": gateway_serves_every_topic,
-    "air-activator-passes-every-list": gateway_passes_every_list,
-    "air-activator-keeps-the-will": gateway_keeps_the_will,
-    "air-activator-lets-newcomers-in": gateway_lets_newcomers_in,
-    "air-activator-says-nothing-to-strangers": gateway_says_nothing_to_strangers,
-    "air-activator-reflects": gateway_reflects,
-    "air-activator-tells-one-by-one": gateway_tells_one_by_one,
-    "uav-starts-late": uav_starts_late,
-    "uav-takes-any-session": uav_takes_any_session,
-    "uav-executes-duplicates": uav_executes_duplicates,
-    "uav-repeats-late": uav_repeats_late,
-    "uav-forgets-the-order": uav_forgets_the_order,
-    "uav-speaks-over-one": speaks_over_one,
-    "activator-speaks-over-one": speaks_over_one,
-    "activator-believes-every-will": activator_believes_every_will,
-    "uav-executes-each-copy": uav_executes_duplicates,
-    "uav-takes-retained": uav_takes_retained,
-    "uav-repeats-behind-a-pilot": uav_repeats_behind_a_pilot,
-    "uav-takes-one-refusal-for-all": uav_takes_one_refusal_for_all,
-    "uav-arms-again": uav_arms_again,
-    "uav-writes-behind-a-pilot": uav_writes_behind_a_pilot,
-    "uav-gives-modes-no-time": uav_gives_modes_no_time,
-    "uav-takes-any-hold-for-a-climbs-end": uav_plans(near=None),
-    "uav-arms-in-any-mode": uav_plans(first_mode=None),
-    "uav-holds-in-its-own-name": uav_holds_in_its_own_name,
-    "uav-lets-a-disarm-wait": uav_lets_a_disarm_wait,
-    "uav-holds-by-mode-alone": uav_holds_by_mode_alone,
-    "uav-halts-by-heartbeats-alone": uav_halts_by_heartbeats_alone,
-    "uav-writes-what-is-flown-later": uav_writes_what_is_flown_later,
-    "uav-believes-a-restart": uav_believes_a_restart,
-    "uav-goes-on-after-a-stall": uav_goes_on_after_a_stall,
-    "uav-holds-against-a-pilot": uav_holds_against_a_pilot,
-    "uav-holds-once": uav_holds_once,
-    "uav-leaves-in-offboard": uav_leaves_in_offboard,
-    "uav-says-nothing-anew": uav_says_nothing_anew,
-    "uav-says-what-it-does-not-know": uav_says_what_it_does_not_know,
-    "uav-does-not-ask-whether-it-is-heard": does_not_ask_whether_it_is_heard,
-    "gs-does-not-ask-whether-it-is-heard": does_not_ask_whether_it_is_heard,
-    "uav-stays-deaf": stays_deaf,
-    "activator-stays-deaf": stays_deaf,
-    "activator-audits-nobody": activator_audits_nobody,
-    "uav-writes-parameters-again": uav_writes_parameters_again,
-    "uav-guards-no-parameter": uav_guards_no_parameter,
-    "uav-sets-parameters-late": uav_sets_parameters_late,
-    "uav-gives-every-set-whole": uav_gives_every_set_whole,
-    "uav-asks-for-logs-armed": uav_asks_for_logs_armed,
-    "uav-reads-logs-first": uav_reads_logs_first,
-    "uav-audits-no-words": uav_audits_no_words,
-    "uav-signs-for-another-link": uav_signs_for_another_link,
-    "uav-hears-what-is-not-signed": uav_hears_what_is_not_signed,
-    "uav-is-always-a-ground-station": uav_is_always_a_ground_station,
-    "uav-verifies-nothing": uav_verifies_nothing,
-    "uav-takes-everybodys-session": uav_takes_everybodys_session,
-    "uav-asks-for-no-right": uav_asks_for_no_right,
-    "uav-believes-the-route": uav_believes_the_route,
-    "uav-takes-anybodys-lease": uav_takes_anybodys_lease,
-    "uav-outlives-its-grant": uav_outlives_its_grant,
-    "uav-signs-no-words": uav_signs_no_words,
-    "uav-forgets-the-question": uav_forgets_the_question,
-    "uav-goes-by-births-alone": uav_goes_by_births_alone,
-    "activator-keeps-the-gate-open": activator_keeps_the_gate_open,
-    "activator-forwards-the-deadline": activator_forwards_the_deadline,
-    "activator-says-two-last-words": activator_says_two_last_words,
-    "activator-copies-the-expiry": activator_copies_the_expiry,
-    "activator-stamps-on-arrival": activator_stamps_on_arrival,
-    "activator-answers-nothing-anew": activator_answers_nothing_anew,
-    "activator-loses-a-word": activator_loses_a_word,
-    "activator-forgets-the-roster": activator_forgets_the_roster,
-    "activator-obeys-everybody": activator_obeys_everybody,
-    "activator-chooses-who-cannot-go": activator_chooses_who_cannot_go,
-    "activator-believes-every-puback": activator_believes_every_puback,
-    "activator-forgets-the-route": activator_forgets_the_route,
-    "activator-registers-whatever-is-signed": activator_registers_whatever_is_signed,
-    "activator-signs-no-records": activator_signs_no_records,
-    "activator-signs-drones-words": activator_signs_drones_words,
-    "activator-takes-any-reading": takes_any_reading,
-    "activator-names-no-holder": activator_names_no_holder,
-    "gs-counts-nothing": gs_counts_nothing,
-    "gs-retains-commands": gs_retains_commands,
-    "gs-never-renews": gs_never_renews,
-    "gs-gives-more-time": gs_gives_more_time,
-    "gs-refreshes-what-it-sends-again": gs_refreshes_what_it_sends_again,
-    "gs-is-never-anew": gs_is_never_anew,
-    "gs-leaves-its-lease": gs_leaves_its_lease,
-    "gs-believes-anybody": gs_believes_anybody,
-    "gs-reads-no-words-together": gs_reads_no_words_together,
-    "gs-counts-no-registrations": gs_counts_no_registrations,
-    "gs-grants-too-much": gs_grants_too_much,
-    "gs-takes-any-reading": takes_any_reading,
+@variant(Receiver, "is_new", "air-activator-takes-repetitions")
+def air_uav_takes_repetitions(original: Any, self: Any, msg_id: int) -> bool:
+    return original(self, msg_id) or self.is_last(msg_id)
+
+
+@variant(packets, "encode", "air-activator-marks-no-repetition")
+def air_uav_marks_no_repetition(original: Any, packet: Any) -> bytes:
+    return original(replace(packet, dup=False) if hasattr(packet, "dup") else packet)
+
+
+@variant(Sender, "_next_id")
+def air_uav_skips_message_ids(original: Any, self: Any) -> int:
+    original(self)
+    return original(self)
+
+
+@variant(SnClient, "__init__")
+def air_uav_greets_without_a_will(original: Any, self: Any, client_id: str, will: Any, *more: Any) -> None:
+    original(self, client_id, None, *more)
+
+
+@variant(SnClient, "subscribe")
+def air_uav_subscribes_to_what_is_kept(original: Any, self: Any, effect: Any, *more: Any) -> Any:
+    return original(self, replace(effect, live_only=False), *more)
+
+
+@variant(Unpacker, "take")
+def air_uav_forgets_pieces(original: Any, self: Any, piece: bytes) -> Any:
+    self._came = b""
+    return original(self, piece)
+
+
+@variant(Gateway, "_on_connect")
+def air_activator_lets_newcomers_in(original: Any, self: Any, packet: Any, *more: Any) -> Any:
+    rivals = [known for known in self._at.values() if known.client_id == packet.client_id]
+    for rival in rivals:
+        rival.stage, ours = air_client.Stage.GONE, rival.stage
+    answer = original(self, packet, *more)
+    for rival in rivals:
+        rival.stage = ours
+    return answer
+
+
+@variant(_ToBroker, "open")
+def air_activator_keeps_the_will(original: Any, self: Any, client_id: str, will: Any) -> Any:
+    return original(self, client_id, None)
+
+
+@variant(Gateway, "received")
+def air_activator_says_nothing_to_strangers(
+    original: Any, self: Any, datagram: bytes, address: Any, now_s: float
+) -> Any:
+    if address in self._at or isinstance(packets.decode(datagram), packets.Connect):
+        return original(self, datagram, address, now_s)
+    return None
+
+
+VARIANTS |= {
+    "uav-repeats-behind-a-pilot": with_values(command_writer, is_taken_over=lambda run, vehicle: False),
+    "uav-writes-behind-a-pilot": with_values(command_writer, is_overridden=lambda run, runs, vehicle: False),
+    "uav-gives-modes-no-time": with_values(interruptions, MODE_GRACE_MS=0),
+    "uav-takes-any-hold-for-a-climbs-end": planned(near=None),
+    "uav-arms-in-any-mode": planned(first_mode=None),
+    "uav-holds-in-its-own-name": with_values(command_writer, HALTING=(Source.COMPANION,)),
+    "uav-lets-a-disarm-wait": with_values(command_writer, COMMANDING=(Source.COMPANION,)),
+    "uav-halts-by-heartbeats-alone": replaced(Vehicle, "is_heard", lambda _, self, now_ms: self.is_alive(now_ms)),
+    "uav-writes-what-is-flown-later": with_values(command_writer, check=lambda command, vehicle, now_ms: None),
+    "uav-believes-a-restart": replaced(Boots, "on_message", lambda _, self, *arguments: None),
+    "uav-goes-on-after-a-stall": replaced(Executor, "stood_still", lambda _, self: None),
+    "uav-holds-against-a-pilot": both(
+        replaced(Executor, "_observe_offboard", observe_offboard),
+        replaced(OffboardPilot, "_has_left", lambda _, self, run: False),
+    ),
+    "uav-holds-once": with_values(offboard, HOLD_AGAIN_MS=60_000),
+    "uav-leaves-in-offboard": replaced(OffboardPilot, "leave", lambda _, self, now_ms: []),
+    "uav-says-what-it-does-not-know": with_values(published_states, LOST_MS=1_000_000_000),
+    "uav-does-not-ask-whether-it-is-heard": with_values(hearing, SILENT_MS=1_000_000_000),
+    "gs-does-not-ask-whether-it-is-heard": with_values(hearing, SILENT_MS=1_000_000_000),
+    "uav-stays-deaf": with_values(hearing, ANSWER_MS=1_000_000_000),
+    "activator-stays-deaf": with_values(hearing, ANSWER_MS=1_000_000_000),
+    "uav-guards-no-parameter": with_values(parameter_settings, is_guarded=lambda name: False),
+    "uav-gives-every-set-whole": replaced(ParameterCopy, "_packed", lambda _, self, found, known: found.packed()),
+    "uav-asks-for-logs-armed": replaced(LogReader, "_refusal", lambda _, self, now_ms: None),
+    "uav-reads-logs-first": replaced(LogReader, "give_way", lambda _, self, now_ms: []),
+    "uav-signs-for-another-link": with_values(signing, LINK_ID=1),
+    "uav-hears-what-is-not-signed": replaced(signing.Signing, "judge", lambda _, self, message, now_s: message),
+    "uav-is-always-a-ground-station": replaced(UavClient, "is_controlled", lambda _, self, now_ms: True),
+    "uav-takes-everybodys-session": both(
+        *(replaced(SessionOwners, name, lambda _, self, session, signer: True) for name in ("claim", "is_of"))
+    ),
+    "uav-asks-for-no-right": replaced(Rights, "may_command", lambda _, self, drone: True),
+    "uav-outlives-its-grant": replaced(Grants, "bound", lambda _, self, station, session, *ends: ends),
+    "uav-signs-no-words": unsigned(ResultMessage),
+    "uav-goes-by-births-alone": replaced(SessionOwners, "restore", lambda _, self, session, station: None),
+    "activator-keeps-the-gate-open": both(
+        replaced(Leases, "__bool__", lambda _, self: True),
+        *(replaced(Leases, name, topics_stay_wanted) for name in ("__init__", "_look_at_forms")),
+    ),
+    "activator-answers-nothing-anew": replaced(Stations, "_show", lambda _, self, what, now_ms: []),
+    "activator-obeys-everybody": replaced(Leases, "refusal", lambda _, self, *arguments: None),
+    "activator-chooses-who-cannot-go": both(
+        with_values(psmi, USED=tuple(state for state in psmi.USED if state not in (Armed, LandedState))),
+        replaced(psmi, "_value", unless_of_flight),
+    ),
+    "activator-signs-no-records": unsigned(DroneRecord),
+    "air-uav-takes-every-puback": with_values(client, _in_mqtt_5=lambda done, code: done(0)),
+    "air-uav-waits-for-a-word": with_values(client, QUIET_S=60.0),
+    "air-uav-repeats-states-at-once": with_values(client, CONFIRM_S=0.2),
+    "air-activator-knows-no-names": replaced(OwnTopics, "register", lambda _, self, topic: None),
+    "air-activator-serves-every-topic": replaced(AirClient, "_may", lambda _, self, rule, topic, now_s: True),
+    "air-activator-passes-every-list": replaced(AirClient, "_refusal", lambda _, self, told, now_s: None),
+    "air-activator-reflects": with_values(address_proof, REFLECTED=1_000_000),
+    "air-activator-tells-one-by-one": replaced(Sender, "_is_single", lambda _, self, told: self._fits_alone(told)),
 }
 
 

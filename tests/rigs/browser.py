@@ -124,16 +124,19 @@ class Browser:
 
     def look(self, page: Path, width: int, dark: bool = False, paper: bool = False) -> Look:
         """Show a page at a width in CSS pixels, whole, as on a screen or as on paper."""
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
-        self._ask("Emulation.setDeviceMetricsOverride", **size)
-        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self._ask("Emulation.setEmulatedMedia", features=[scheme], media="print" if paper else "screen")
+        self.resize(width, dark, 900, paper)
         self.show(page.resolve().as_uri())
         found = self._ask("Runtime.evaluate", expression=_MEASURE, returnByValue=True)["result"]["value"]
         return Look(
             *(width, found["scroll"], tuple(found["wider"]), tuple(found["cut"]), found["background"], found["ink"]),
             *(tuple(found["sizes"]), found["figures"]),
         )
+
+    def resize(self, width: int, dark: bool, height: int = 1000, paper: bool = False) -> None:
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self._ask("Emulation.setDeviceMetricsOverride", **size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._ask("Emulation.setEmulatedMedia", features=[scheme], media="print" if paper else "screen")
 
     def show(self, url: str) -> None:
         """Load a page completely."""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import secrets
 import shutil
 import subprocess
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Self
 
@@ -94,7 +98,10 @@ class Cluster:
 
     def take_out(self, name: str) -> None:
         """Delete a fleet's folder, so that the nodes stop to serve it."""
-        shutil.rmtree(self._out / FLEETS / name)
+        shutil.rmtree(self.folder_of(name))
+
+    def folder_of(self, name: str) -> Path:
+        return self._out / FLEETS / name
 
     def tell(self) -> None:
         """Bring the running nodes what was written."""
@@ -148,6 +155,10 @@ class Cluster:
     def serves(self, node: str) -> bool:
         """Whether a node takes clients, by what it sees of the others."""
         return self.control(node, "eval", "persistent_term:get(majority).").strip() == "true"
+
+    def said(self, name: str, since: datetime) -> str:
+        """What a node, or the balancer, has printed since a moment."""
+        return str(self._container(name).logs(since=since.timestamp()).decode())
 
     def node_of(self, user: str) -> str | None:
         """The node that a user is connected to."""
@@ -203,6 +214,16 @@ class ClusteredSystem(System):
         own = ("--prefix", fleet.prefix, *self._as("fog1"))
         self.activator = self.make_activator(fleet.url, fog).with_more(*own)
         self.uavs = {drone: self.make_uav(drone, fog).with_more(*self._as(f"drone{drone}")) for drone in self.uavs}
+
+    @classmethod
+    @asynccontextmanager
+    async def running(cls, folder: Path, fleet: Carried) -> AsyncIterator[Self]:
+        """A fleet's system, from its start to its end."""
+        system = cls(folder, fleet)
+        try:
+            yield await asyncio.to_thread(system.start)
+        finally:
+            await asyncio.to_thread(system.close)
 
     def _as(self, name: str) -> tuple[str, str]:
         return "--identity", str(self._fleet.identity(name))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterable
 
-from mqttxt import Command, Drone, Health, Outcome, Word
+from mqttxt import Command, Drone, GroundStation, Health, Outcome, Word
 from tests.rigs.processes import eventually
 
 BOOT_S = 180.0
@@ -15,6 +15,14 @@ BOOT_S = 180.0
 def is_armable(drone: Drone) -> bool:
     health = drone.state(Health)
     return drone.is_controlled and health is not None and health.state.armable
+
+
+async def controlled(station: GroundStation) -> Drone:
+    """Drone 1 of fog 1, once it is reachable and under the station's control."""
+    (fog,) = await station.connect([1])
+    drone = fog.drone(1)
+    await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")
+    return drone
 
 
 async def armable(drone: Drone) -> None:

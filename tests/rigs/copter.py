@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import socket
 from pathlib import Path
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tests.rigs.processes import free_port
+from tests.rigs.processes import free_block
 from tests.rigs.real_flights import HOME, SYSTEM, Autopilot, Pilot
 
 FOLDER = os.environ.get("ARDUPILOT_DIR", "")
@@ -26,7 +25,7 @@ class Copter(Autopilot):
         super().__init__(folder, "arducopter")
         self._serials = (0, 1) if by_usb else (1, 0)
         self._folder = folder
-        self._base_port = _free_row()
+        self._base_port = free_block(_PORTS_EACH)
         self._more = folder / "more.parm"
         self._more.write_text("FLTMODE_CH 0\nINITIAL_MODE 4\n")  # its simulated remote control has a mode switch
         self._wiped: list[str] = ["--wipe"]
@@ -52,22 +51,3 @@ class CopterPilot(Pilot):
 
     def set_mode(self, mode: int) -> None:
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
-
-
-def _free_row() -> int:
-    """The first of _PORTS_EACH consecutive free ports."""
-    while True:
-        first = free_port()
-        if first % 1000 > 1000 - _PORTS_EACH:
-            continue
-        if all(_is_free(first + more) for more in range(_PORTS_EACH)):
-            return first
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as sock:
-        try:
-            sock.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-        return True

@@ -19,22 +19,31 @@ START_S = 150.0
 """Longer than the demo waits for its drones."""
 
 
+class Desk:
+    """A folder that is a person's home, with an `environment` in which the programs of `bin` and their files in `tmp`
+    are its own: Mosquitto, Python and `mqttxt`, that of the repository.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.temporary, self.tools = folder / "tmp", folder / "bin"
+        for made in (self.temporary, self.tools):
+            made.mkdir()
+        (self.tools / "mosquitto").symlink_to(MOSQUITTO)
+        for name, words in {"mqttxt": " -m mqttxt", "python": ""}.items():
+            (self.tools / name).write_text(f'#!/bin/sh\nexec "{sys.executable}"{words} "$@"\n')
+            (self.tools / name).chmod(0o755)
+        home = {"HOME": str(folder), "TMPDIR": str(self.temporary), "PATH": f"{self.tools}:{os.environ['PATH']}"}
+        self.environment = {key: value for key, value in os.environ.items() if not key.startswith("XDG_")} | home
+
+
 class Demonstration:
     """The demo as a process; `mqttxt` is the command, by default that of the repository."""
 
     def __init__(self, folder: Path, mqttxt: Path | None = None) -> None:
         self.log = folder / "demo.log"
-        self.temporary, tools = folder / "tmp", folder / "bin"
-        for made in (self.temporary, tools):
-            made.mkdir()
-        (tools / "mosquitto").symlink_to(MOSQUITTO)
-        if mqttxt is None:
-            mqttxt = tools / "mqttxt"
-            mqttxt.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mqttxt "$@"\n')
-            mqttxt.chmod(0o755)
-        self.mqttxt = mqttxt
-        home = {"HOME": str(folder), "TMPDIR": str(self.temporary), "PATH": f"{tools}:{os.environ['PATH']}"}
-        self._environment = {key: value for key, value in os.environ.items() if not key.startswith("XDG_")} | home
+        desk = Desk(folder)
+        self.temporary, self._environment = desk.temporary, desk.environment
+        self.mqttxt = mqttxt or desk.tools / "mqttxt"
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self, *arguments: str, **environment: str) -> None:

@@ -6,7 +6,8 @@ import asyncio
 import math
 import socket
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from tests.rigs.far_link import Far
 from tests.rigs.processes import PATIENCE_S, Process, System, free_port, wait_until
+from tests.rigs.secure_system import SecureSystem
 from tests.simulation.far import FarLink
 
 NAN = math.nan
@@ -54,6 +56,21 @@ class Ground(System):
         if self.far is not None:
             self.far.close()
         super().close()
+
+
+@contextmanager
+def signing_client(system: SecureSystem, name: str) -> Iterator[Client]:
+    """A client of a gateway with the identity `name`, in a fleet that signs; it has heard its drone."""
+    port = free_port()
+    where = ["--fog", "1", "--cloud", system.cloud_url, "--listen", f"tcp:127.0.0.1:{port}", "--take-over"]
+    gateway = Process(system.folder, name, "mqttxt", "gs", "mavlink", *where, *system.identity(name)).start()
+    try:
+        wait_until(lambda: "drone 1: is there" in gateway.log.read_text(), "the gateway shows the drone")
+        with closing(Client(port)) as client:
+            client.until(lambda message: message.get_type() == "HEARTBEAT", "the drone is shown")
+            yield client
+    finally:
+        gateway.kill()
 
 
 async def eventually(read: Callable[[], Awaitable[Any]], right: Callable[[Any], bool], limit_s: float = 60) -> Any:

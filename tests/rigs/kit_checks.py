@@ -5,11 +5,15 @@ Rules measure times. Beside others that keep the cores busy, an implementation m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+import asyncio
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from mqttxt_conformance.registry import Finding, Verdict
+from tests.rigs.processes import Program
 
 MOST_AGAIN = 8
 """The most implementations that are checked again. If more are not as expected, load is not the cause."""
@@ -40,16 +44,42 @@ class Checked:
     beside_others: dict[str, str]
 
 
+class Checks(Protocol):
+    """Checks of implementations at brokers of their own."""
+
+    @property
+    def brokers(self) -> Sequence[Program]: ...
+
+    @property
+    def found(self) -> dict[str, list[Finding]]: ...
+
+    async def run(self) -> None: ...
+
+
+Find = Callable[[Path, Collection[str], int], dict[str, list[Finding]]]
+"""Checks the named implementations with a folder and brokers of their own; last, how many in parallel."""
+
+
+def finder(make: Callable[[Path, Collection[str], int], Checks]) -> Find:
+    def found(folder: Path, names: Collection[str], at_once: int) -> dict[str, list[Finding]]:
+        folder.mkdir()
+        made = make(folder, names, at_once)
+        with ExitStack() as stack:
+            for broker in made.brokers:
+                stack.callback(broker.start().kill)
+            asyncio.run(made.run())
+        return made.found
+
+    return found
+
+
 def check(
-    find: Callable[[Path, Collection[str], int], dict[str, list[Finding]]],
+    find: Find,
     folder: Path,
     expected: Mapping[str, Expected],
     at_once: int,
 ) -> Checked:
-    """Check implementations, `at_once` in parallel; check again one by one those that are not as expected.
-
-    `find` checks the named ones with a folder and brokers of their own; its last argument is how many in parallel.
-    """
+    """Check implementations, `at_once` in parallel; check again one by one those that are not as expected."""
     found = find(folder / "together", expected.keys(), at_once)
     otherwise = [name for name, one in expected.items() if not one.is_met_by(found[name])]
     if not 0 < len(otherwise) <= MOST_AGAIN:

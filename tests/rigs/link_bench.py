@@ -12,7 +12,7 @@ from mqttxt.drone.mavlink.link import AutopilotLink
 from mqttxt.drone.mavlink.signing import Signing
 from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.mavlink.transports import AutopilotAddress
-from tests.rigs.loopback import eventually
+from tests.rigs.loopback import eventually, free_port
 
 
 class LinkBench:
@@ -21,9 +21,7 @@ class LinkBench:
     def __init__(self, signing: Signing | None = None) -> None:
         self.heard: list[str] = []
         self.refused: list[str] = []
-        with sockets.socket(sockets.AF_INET, sockets.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port(sockets.SOCK_DGRAM)
         self.link = AutopilotLink(
             AutopilotAddress("udp", "127.0.0.1", self.port),
             1,

@@ -8,12 +8,17 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import pytest
+
 from tests.rigs.browser import Browser, Navigated
 from tests.rigs.processes import PATIENCE_S, listens, wait_until
 from tests.tools.axe import AXE
 from tests.tools.programs import chromium
 
 _KEYS = {"Tab": 9, "Enter": 13, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
+NEEDS_BROWSER = pytest.mark.skipif(
+    chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"
+)
 REACHABLE, CONTROL, ARMED, HEIGHT = 3, 4, 5, 8
 """Columns of the fleet's table."""
 TALLEST = 4000
@@ -44,12 +49,6 @@ class LivePage(Browser):
         self.resize(width, dark)
         self.show(url)
         self.until("document.querySelectorAll('#fleet-rows tr').length > 0", "drones on the page")
-
-    def resize(self, width: int, dark: bool, height: int = 1000) -> None:
-        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
-        self._ask("Emulation.setDeviceMetricsOverride", **size)
-        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self._ask("Emulation.setEmulatedMedia", features=[scheme], media="screen")
 
     def cut_off(self, *files: str) -> None:
         """Block these files from now on, as when the network changes; without any, unblock all."""

@@ -71,8 +71,12 @@ class MavProxy:
         self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
 
-    def vehicles(self) -> set[int]:
-        return {int(found) for found in SEEN.findall(self.said)}
+    def choose(self, vehicle: int, of: set[int]) -> None:
+        """Wait until it sees these vehicles, and choose one of them."""
+        wait_until(lambda: {int(found) for found in SEEN.findall(self.said)} == of, f"vehicles {of}")
+        # Its autopilot: without the component, that would stay that of whoever was heard first.
+        self.type(f"vehicle {vehicle}:1")
+        wait_until(lambda: f"Set vehicle {vehicle}:1" in self.said, f"vehicle {vehicle} is chosen")
 
     def close(self) -> None:
         self._process.kill()

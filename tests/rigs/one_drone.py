@@ -12,8 +12,9 @@ from mqttxt import Drone, GroundStation
 from mqttxt.security.authority import Authority
 from mqttxt.security.rights import Rights
 from tests.quick import LANDING, quick_fleet
-from tests.rigs.loopback import eventually, free_port
-from tests.rigs.processes import Broker, Process, commanded
+from tests.rigs.commanding import controlled
+from tests.rigs.loopback import free_port
+from tests.rigs.processes import Broker, Process, commanded, stand_in
 from tests.rigs.secure import SecureBroker
 
 TLS, SIGNED = "tls", "signed"
@@ -40,15 +41,14 @@ class OneDrone:
         self.cloud = self.broker("cloud", self.acme, prefix=prefix)
         self.fog = self.broker("fog1", self.acme, air=air)
         self.brokers = [self.cloud, self.fog]
+        self.journal = folder / "journal"
         self._autopilot = free_port(socket.SOCK_DGRAM)
-        there = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self._autopilot}"]
-        fleet = ["--fleet", str(quick_fleet(folder, LANDING)), "--system", "1"]
-        self.sitl = self.process("sitl", "sitl", "fly", *fleet, *there, "--events", str(folder / "sitl.jsonl"))
+        self.sitl = stand_in(folder, 1, self._autopilot, name="sitl", fleet=quick_fleet(folder, LANDING))
 
     def run(self, activator: Sequence[str], uav: Sequence[str], ppm: int | None = None) -> None:
         """Make both programs, with these options besides the usual ones; `ppm` is the rate of the drone's clock."""
         brokers = ["--cloud", self.cloud_url, "--fog-broker", self.url(self.fog.port)]
-        journal = ["--journal", str(self.folder / "journal"), "--autopilot", f"udp:127.0.0.1:{self._autopilot}"]
+        journal = ["--journal", str(self.journal), "--autopilot", f"udp:127.0.0.1:{self._autopilot}"]
         activator = ["--fog", "1", "--drones", "1", *brokers, *activator, *self.identity("fog1")]
         uav = ["--drone", "1", *journal, *uav, *self.identity("drone1"), *(["--fog", "1"] if self.is_signed else [])]
         self.activator = self.process("activator", "mqttxt", "activator", *activator)
@@ -117,10 +117,7 @@ class OneDrone:
         try:
             await self.begin()
             async with self.station() as station:
-                (fog,) = await station.connect([1])
-                drone = fog.drone(1)
-                await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is there")
-                yield station, drone
+                yield station, await controlled(station)
                 assert self.uav.exit_code is None
                 assert self.activator.exit_code is None
         finally:

@@ -154,6 +154,18 @@ class Process(Program):
         self.signal(signal.SIGUSR1)
 
 
+def stand_in(
+    folder: Path, drone: int, port: int, *more: str, name: str | None = None, fleet: Path | None = None
+) -> Process:
+    """A stand-in that sends to a port; its events are in NAME.jsonl, its side channel is NAME.sock."""
+    called = name or f"sitl{drone}"
+    base = str(folder / called)
+    files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready", "--control", f"{base}.sock"]
+    ends = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}"]
+    of = ["--fleet", str(fleet or ROOT / "services" / "fleet.yaml"), "--system", str(drone)]
+    return Process(folder, called, "sitl", "fly", *of, *ends, *files, *more)
+
+
 class System:
     """A cloud broker, a fog broker, an activator and two drones with their autopilots, as real processes."""
 
@@ -197,12 +209,8 @@ class System:
         return Process(self.folder, called, "mqttxt", "uav", *options, *files, ppm=ppm)
 
     def make_sitl(self, drone: int) -> Process:
-        base = str(self.folder / f"sitl{drone}")
-        files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
-        control = ["--control", f"{base}.sock", "--streams", self.streams, "--like", self.like]
-        ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
-        fleet = ["--fleet", str(self.fleet_file), "--system", str(drone)]
-        return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)
+        how = ["--streams", self.streams, "--like", self.like]
+        return stand_in(self.folder, drone, self.autopilots[drone], *how, fleet=self.fleet_file)
 
     @property
     def brokers(self) -> tuple[Broker, ...]:

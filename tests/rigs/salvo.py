@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mqttxt import FogUnreachable, GroundStation, Outcome, SentCommand, Word
@@ -45,6 +45,10 @@ class Salvo:
     y: float
     sent: list[Sent] = field(default_factory=list)
     unsent: int = 0
+
+    def anew(self) -> Salvo:
+        """A salvo of its own; it goes on where this one's longitudes ended."""
+        return replace(self, sent=[], unsent=0)
 
     async def fire(self, fog: Any, count: int) -> None:
         """Send commands at a steady pace and wait for their last words."""

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tests.rigs.shaped_nodes import FOLDER, PYTHON, READY_TIMEOUT_S, REPOSITORY, ShapedNodes
+from tests.rigs.shaped_nodes import FOLDER, PYTHON, REPOSITORY, Running, ShapedNodes
 
 FIRST_SUBNET = 128 + os.getpid() % 60 * 2
 SUBNETS = {"gs": f"198.19.{FIRST_SUBNET}", "cloud": f"198.19.{FIRST_SUBNET + 1}"}
@@ -49,22 +47,19 @@ class ShapedLink(ShapedNodes):
     def shape(self, plan: object, counters: str = f"{FOLDER}/counters.json", **options: Any) -> tuple[int, str]:
         """Run an emulator that is expected to end of its own accord; returns its exit code and output."""
         self.write_plan(plan)
-        done = self.nodes["net"].exec_run(self.shape_command(counters), environment=self.environment, **options)
-        return done.exit_code, done.output.decode()
+        return self.net(self.shape_command(counters), **options)
 
-    @contextmanager
     def shaping(
         self, up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = (), down: Mapping[str, Any] | None = None
-    ) -> Iterator[Emulator]:
+    ) -> Emulator:
         """Run the emulator on the direction `up`; without `down` the other direction is unshaped."""
         self.write_plan(plan_of(up, events, down))
-        yield from self._running(self.shape_command())
+        return Emulator(self, self.shape_command())
 
-    @contextmanager
-    def routing(self, plan: Mapping[str, Any], **run: Any) -> Iterator[Emulator]:
+    def routing(self, plan: Mapping[str, Any], **run: Any) -> Emulator:
         """Run all of `net` on a run's plan: it routes, captures, and shapes in its emulator's process."""
         self.write_run(plan, **run)
-        yield from self._running(self.route_command())
+        return Emulator(self, self.route_command())
 
     def route(self, plan: object, run: Mapping[str, Any] | None = None, **options: Any) -> tuple[int, str]:
         """Run a `net route` that is expected to end of its own accord; returns its exit code and output."""
@@ -88,32 +83,9 @@ class ShapedLink(ShapedNodes):
         files = {"captures": f"{FOLDER}/pcap", "links": LINKS, "control": CONTROL, "ready-file": f"{FOLDER}/ready"}
         return [PYTHON, "-m", "net", "route", *(word for name, file in files.items() for word in (f"--{name}", file))]
 
-    def _running(self, command: Sequence[str]) -> Iterator[Emulator]:
-        self.output("net", ["rm", "-f", f"{FOLDER}/ready", f"{FOLDER}/log"])
-        quoted = " ".join(command)
-        script = f"{quoted} > {FOLDER}/log 2>&1 & echo $! > {FOLDER}/pid; wait"
-        self.nodes["net"].exec_run(["sh", "-c", script], environment=self.environment, detach=True)
-        emulator = Emulator(self)
-        emulator.wait_until_ready()
-        try:
-            yield emulator
-        finally:
-            emulator.end()
 
-
-class Emulator:
-    """A running `net shape`."""
-
-    def __init__(self, link: ShapedLink) -> None:
-        self._link = link
-        self._pid = ""
-
-    def wait_until_ready(self) -> None:
-        deadline = time.monotonic() + READY_TIMEOUT_S
-        while self._test("-e", "ready"):
-            assert time.monotonic() < deadline, self._link.output("net", ["cat", f"{FOLDER}/log"])
-            time.sleep(0.05)
-        self._pid = self._link.output("net", ["cat", f"{FOLDER}/pid"]).strip()
+class Emulator(Running):
+    """A running `net shape`, and what is sent over its links."""
 
     def flow(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
         """Send datagrams from gs to cloud, in packets of `size` bytes; returns those that arrived, in that order."""
@@ -129,7 +101,7 @@ class Emulator:
 
     def _flow(self, source: str, to: str, count: int, rate_hz: float, size: int, silence_s: float) -> list[Row]:
         command = [PYTHON, PROBE, "receive", str(silence_s)]
-        said = self._link.nodes[to].exec_run(command, stream=True).output
+        said = self._net.nodes[to].exec_run(command, stream=True).output
         first = next(said)
         assert first.startswith(b"listening"), first.decode()
         self._send(source, to, count, rate_hz, size)
@@ -138,49 +110,23 @@ class Emulator:
         return [Row(number, sent, received, bool(sound)) for number, sent, received, sound in rows]
 
     def _send(self, source: str, to: str, count: int, rate_hz: float, size: int) -> None:
-        self._link.output(source, [PYTHON, PROBE, "send", f"{SUBNETS[to]}.3", str(count), str(rate_hz), str(size)])
-
-    def signal(self, name: str) -> None:
-        self._link.output("net", ["sh", "-c", f"kill -{name} {self._pid}"])
+        self._net.output(source, [PYTHON, PROBE, "send", f"{SUBNETS[to]}.3", str(count), str(rate_hz), str(size)])
 
     def kill_emulator(self) -> None:
         """Kill the process that shapes for a running `net route`, without a warning."""
         children = f"$(cat /proc/{self._pid}/task/*/children)"
         find = f"for pid in {children}; do grep -qa shape /proc/$pid/cmdline && echo $pid; done"
-        (pid,) = self._link.output("net", ["sh", "-c", f"{find}; true"]).split()
-        self._link.output("net", ["sh", "-c", f"kill -KILL {pid}"])
+        (pid,) = self._net.output("net", ["sh", "-c", f"{find}; true"]).split()
+        self._net.output("net", ["sh", "-c", f"kill -KILL {pid}"])
 
     def cpu_s(self) -> float:
         """User and system time of the process so far."""
-        fields = self._link.output("net", ["cat", f"/proc/{self._pid}/stat"]).rsplit(") ", 1)[1].split()
+        fields = self._net.output("net", ["cat", f"/proc/{self._pid}/stat"]).rsplit(") ", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-    def end(self) -> dict[str, Any]:
-        """End it and return its counters; may be called again."""
-        if not self._test("-e", f"../../proc/{self._pid}"):
-            self.signal("TERM")
-        self.wait_until_ended()
-        return self.counters()
-
-    def wait_until_ended(self) -> None:
-        """Wait until the process has ended."""
-        deadline = time.monotonic() + READY_TIMEOUT_S
-        while not self._test("-e", f"../../proc/{self._pid}"):
-            assert time.monotonic() < deadline, "it does not end"
-            time.sleep(0.05)
-
-    def counters(self) -> dict[str, Any]:
-        """The counters in their file at present."""
-        content: dict[str, Any] = json.loads(self.read("counters.json"))
-        return content
 
     def read(self, name: str) -> str:
         """The text of a file in the folder of links, else in the emulator's own folder."""
-        return self._link.output("net", ["sh", "-c", f"cat {LINKS}/{name} 2>/dev/null || cat {FOLDER}/{name}"])
-
-    def _test(self, operator: str, name: str) -> int:
-        code: int = self._link.nodes["net"].exec_run(["test", operator, f"{FOLDER}/{name}"]).exit_code
-        return code
+        return self._net.output("net", ["sh", "-c", f"cat {LINKS}/{name} 2>/dev/null || cat {FOLDER}/{name}"])
 
 
 def plan_of(

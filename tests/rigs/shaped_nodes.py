@@ -11,6 +11,8 @@ from typing import Any, Self
 import docker
 from docker.types import IPAMConfig, IPAMPool
 
+from tests.rigs.loopback import wait_until
+
 ROOT = Path(__file__).resolve().parents[2]
 IMAGE = os.environ.get("NODE_IMAGE", "mqttxt-testbed/node:latest")
 PYTHON = "/opt/venv/bin/python"
@@ -60,6 +62,16 @@ class ShapedNodes:
             self.output(node, ["ip", "route", "replace", "default", "via", f"{subnet}.2"])
         return self
 
+    def __enter__(self) -> Self:
+        try:
+            return self.up()
+        except BaseException:
+            self.down()
+            raise
+
+    def __exit__(self, *_: object) -> None:
+        self.down()
+
     def down(self) -> None:
         """Remove what `up` made, whole or not."""
         for container in self.nodes.values():
@@ -97,6 +109,53 @@ class ShapedNodes:
         self.nodes[name] = self._client.containers.create(
             name=f"{self._name}-{name}-1", network=network.name, networking_config=place, **_SHARED, **options
         )
+
+
+class Running:
+    """A program that shapes, in `net`; it runs while this is entered."""
+
+    def __init__(self, net: ShapedNodes, command: Sequence[str]) -> None:
+        self._net, self._command = net, " ".join(command)
+        self._pid = ""
+
+    def __enter__(self) -> Self:
+        self._net.output("net", ["rm", "-f", f"{FOLDER}/ready", f"{FOLDER}/log"])
+        script = f"{self._command} > {FOLDER}/log 2>&1 & echo $! > {FOLDER}/pid; wait"
+        self._net.nodes["net"].exec_run(["sh", "-c", script], environment=self._net.environment, detach=True)
+        try:
+            wait_until(lambda: self._is_there(f"{FOLDER}/ready"), "it is ready", READY_TIMEOUT_S)
+        except AssertionError as error:
+            raise AssertionError(f"{error}: {self._net.output('net', ['cat', f'{FOLDER}/log'])}") from None
+        self._pid = self._net.output("net", ["cat", f"{FOLDER}/pid"]).strip()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def signal(self, name: str) -> None:
+        self._net.output("net", ["sh", "-c", f"kill -{name} {self._pid}"])
+
+    def end(self) -> dict[str, Any]:
+        """End it and return its counters; may be called again."""
+        if self._is_there(f"/proc/{self._pid}"):
+            self.signal("TERM")
+        self.wait_until_ended()
+        return self.counters()
+
+    def wait_until_ended(self) -> None:
+        wait_until(lambda: not self._is_there(f"/proc/{self._pid}"), "it has ended", READY_TIMEOUT_S)
+
+    def counters(self) -> dict[str, Any]:
+        """The counters in their file at present."""
+        content: dict[str, Any] = json.loads(self.read("counters.json"))
+        return content
+
+    def read(self, name: str) -> str:
+        """The text of a file in its folder."""
+        return self._net.output("net", ["cat", f"{FOLDER}/{name}"])
+
+    def _is_there(self, path: str) -> bool:
+        return bool(self._net.nodes["net"].exec_run(["test", "-e", path]).exit_code == 0)
 
 
 _NET_SYSCTLS = {"ip_forward": 1, "conf.all.rp_filter": 0, "conf.default.rp_filter": 0}

@@ -77,8 +77,6 @@ class Machine:
             found: dict[str, Any] = json.loads(self._result.read_text())
         except (OSError, ValueError) as error:
             raise MachineError(f"{error}\n{self._tail()}") from error
-        if "error" in found:
-            raise MachineError(f"{found['error']}\n{self._tail()}")
         return found
 
     def end(self) -> None:

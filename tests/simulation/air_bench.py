@@ -18,8 +18,15 @@ from mqttxt.core.mqtt.sn.topic_ids import TopicIds
 GATEWAY = ("gateway", 1883)
 STEP_S = 0.05
 WILL = Will("drone1/reachable", b"down")
+COMMANDS, RESULT, STATE = "drone1/commands", "drone1/commands_result/arm", "drone1/state/location"
 
 Port = tuple[str, int]
+
+
+def id_of(topic: str) -> int:
+    found = TopicIds().id_of(topic)
+    assert found is not None
+    return found
 
 
 @dataclass
@@ -181,3 +188,16 @@ class BenchClient:
 
     def count(self, kind: str, detail: str) -> None:
         self.counted.append(kind)
+
+
+class Losing:
+    """Loses the first packets of a kind to one side."""
+
+    def __init__(self, kind: type[Packet], times: int, to_gateway: bool = True) -> None:
+        self.kind, self.left, self.to_gateway = kind, times, to_gateway
+
+    def __call__(self, port: Port, packet: Packet) -> bool:
+        if self.left and isinstance(packet, self.kind) and (port == GATEWAY) == self.to_gateway:
+            self.left -= 1
+            return True
+        return False

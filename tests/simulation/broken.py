@@ -20,8 +20,8 @@ from mqttxt.security.seal import Signed, is_station
 from mqttxt.station.role import StationRole
 from tests.simulation.adversary import Dangers
 from tests.simulation.drone_node import DroneNode
-from tests.simulation.hostile import DRONES, HostileSimulation, SignedJudge, signed_payload
-from tests.simulation.nodes import StationNode
+from tests.simulation.hostile import HostileSimulation, SignedJudge, signed_payload
+from tests.simulation.nodes import DRONES, StationNode
 
 
 class Found(Exception):
@@ -69,100 +69,86 @@ class BrokenSimulation(HostileSimulation):
 def verifies_nothing(role: UavClient) -> None:
     """It looks up an expected signer's certificate, but does not check the signature."""
     seal = _seal(role)
+    genuine = seal.verified
 
-    def make(genuine: Any) -> Any:
-        def verified(envelope: Any, topic: Any, expected: Any) -> Signed:
-            try:
-                return genuine(envelope, topic, expected)  # type: ignore[no-any-return]
-            except PayloadError:
-                known = [each for among in seal._known.values() for each in among if expected(each)]
-                if not known:
-                    raise
-                return Signed(known[0], envelope)
+    def verified(envelope: Any, topic: Any, expected: Any) -> Signed:
+        try:
+            return genuine(envelope, topic, expected)
+        except PayloadError:
+            known = [each for among in seal._known.values() for each in among if expected(each)]
+            if not known:
+                raise
+            return Signed(known[0], envelope)
 
-        return verified
-
-    _wrap(seal, "verified", make)
+    seal.verified = verified
 
 
 def executes_again(role: UavClient) -> None:
     """It forgets an id once that has its last word."""
+    ledger: Any = role.desk.ledger
+    genuine = ledger.examine
 
-    def make(genuine: Any) -> Any:
-        def examine(command_id: Any, *more: Any) -> Admission:
-            entry = role.desk.ledger.get(command_id)
-            if entry is not None and entry.record.last is not None:
-                return Admission.NEW
-            return genuine(command_id, *more)  # type: ignore[no-any-return]
+    def examine(command_id: Any, *more: Any) -> Admission:
+        entry = ledger.get(command_id)
+        if entry is not None and entry.record.last is not None:
+            return Admission.NEW
+        return genuine(command_id, *more)
 
-        return examine
-
-    _wrap(role.desk.ledger, "examine", make)
+    ledger.examine = examine
 
 
 def believes_the_topic(role: UavClient) -> None:
     """It takes every command on its topic, whichever drone and session that was signed for."""
-    seal, own = _seal(role), role.session
+    seal, desk, own = _seal(role), _desk(role), role.session
+    genuine = desk._opened
 
-    def make_open(genuine: Any) -> Any:
-        def open_of_station(topic: str, envelope: Any) -> Signed:
-            drones = (f"drone{number}/{topic.partition('/')[2]}" for number in DRONES)
-            refusal: PayloadError | None = None
-            for signed_as in drones:
-                try:
-                    return seal.verified(envelope, lambda _, signed_as=signed_as: signed_as, is_station)
-                except PayloadError as error:
-                    refusal = error
-            assert refusal is not None
-            raise refusal
+    def open_of_station(topic: str, envelope: Any) -> Signed:
+        drones = (f"drone{number}/{topic.partition('/')[2]}" for number in DRONES)
+        refusal: PayloadError | None = None
+        for signed_as in drones:
+            try:
+                return seal.verified(envelope, lambda _, signed_as=signed_as: signed_as, is_station)
+            except PayloadError as error:
+                refusal = error
+        assert refusal is not None
+        raise refusal
 
-        return open_of_station
+    def opened(message: Any) -> Any:
+        payload, signed = genuine(message)
+        return encode(replace(decode(CommandMessage, payload), executor_session=own)), signed
 
-    def make_opened(genuine: Any) -> Any:
-        def opened(message: Any) -> Any:
-            payload, signed = genuine(message)
-            return encode(replace(decode(CommandMessage, payload), executor_session=own)), signed
-
-        return opened
-
-    _wrap(seal, "open_of_station", make_open)
-    _wrap(role.desk, "_opened", make_opened)
+    seal.open_of_station = open_of_station
+    desk._opened = opened
 
 
 def believes_the_route(role: UavClient) -> None:
     """It goes by the deadline beside the signed payload."""
 
-    def make(genuine: Any) -> Any:
-        def tightened(command: Any, route: Any) -> Any:
-            return command if type(route) is not int else replace(command, deadline_ms=route)
+    def tightened(command: Any, route: Any) -> Any:
+        return command if type(route) is not int else replace(command, deadline_ms=route)
 
-        return tightened
-
-    _wrap(role.desk, "_tightened", make)
+    _desk(role)._tightened = tightened
 
 
 def has_no_deadlines(role: UavClient) -> None:
     """It takes every command as due a minute from now, at its start and at each write."""
+    desk = _desk(role)
+    genuine = desk._on_command
 
-    def make(genuine: Any) -> Any:
-        def on_command(command: Any, retained: bool, now_ms: int, *more: Any) -> Any:
-            return genuine(replace(command, deadline_ms=now_ms + MAX_TTL_MS), retained, now_ms, *more)
+    def on_command(command: Any, retained: bool, now_ms: int, *more: Any) -> Any:
+        return genuine(replace(command, deadline_ms=now_ms + MAX_TTL_MS), retained, now_ms, *more)
 
-        return on_command
-
-    _wrap(role.desk, "_on_command", make)
+    desk._on_command = on_command
 
 
 def believes_any_word(role: StationRole) -> None:
     """A ground station that takes every word for its drone's."""
 
-    def make(genuine: Any) -> Any:
-        def believed(fog: Any, topic: Any, message: Any) -> tuple[ResultMessage, str]:
-            return decode(ResultMessage, signed_payload(message.payload)), f"drone{topic.drone}"
+    def believed(fog: Any, topic: Any, message: Any) -> tuple[ResultMessage, str]:
+        return decode(ResultMessage, signed_payload(message.payload)), f"drone{topic.drone}"
 
-        return believed
-
-    _wrap(role._words, "result", make)
+    words: Any = role._words
+    words.result = believed
 
 
 BROKEN: dict[str, Callable[[UavClient], None]] = {
@@ -177,28 +163,26 @@ BROKEN_STATIONS: dict[str, Callable[[StationRole], None]] = {believes_any_word._
 def _sound(role: object) -> None: ...
 
 
+def _desk(role: UavClient) -> Any:
+    return role.desk
+
+
 def _seal(role: UavClient) -> Any:
     seal = role._channel.seal
     assert seal is not None
     return seal
 
 
-def _wrap(one: Any, name: str, make: Callable[[Any], Any]) -> None:
-    """Replace a method of this one object, or class, by `make(original)`."""
-    setattr(one, name, make(getattr(one, name)))
-
-
 def break_all(breaks: Callable[[UavClient], None]) -> None:
     """Break every UAV client that this process makes from now on."""
+    made: Any = UavClient
+    genuine = made.__init__
 
-    def make(genuine: Any) -> Any:
-        def broken(role: UavClient, *arguments: Any, **options: Any) -> None:
-            genuine(role, *arguments, **options)
-            breaks(role)
+    def broken(role: UavClient, *arguments: Any, **options: Any) -> None:
+        genuine(role, *arguments, **options)
+        breaks(role)
 
-        return broken
-
-    _wrap(UavClient, "__init__", make)
+    made.__init__ = broken
 
 
 if __name__ == "__main__":

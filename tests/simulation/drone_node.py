@@ -14,8 +14,9 @@ from mqttxt.drone.mavlink.px4 import Px4
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.policies import POLICIES
+from tests.simulation.kept import Kept
 from tests.simulation.nodes import MS, PLACES, Node, S
-from tests.simulation.world import Kept, ack, from_autopilot, heartbeat, home, landed
+from tests.simulation.world import ack, from_autopilot, heartbeat, home, landed
 
 if TYPE_CHECKING:
     from tests.simulation.adversary import Simulation

@@ -23,7 +23,7 @@ from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.adversary import Dangers, Simulation
-from tests.simulation.nodes import MS, ActivatorNode, S
+from tests.simulation.nodes import DRONES, MS, ActivatorNode, S
 from tests.simulation.signing import seal
 from tests.simulation.true_time import Broker, Connection, Events
 from tests.simulation.verdicts import Judge
@@ -32,7 +32,6 @@ KEPT = 400
 HOLDS_BACK = 0.03
 """The probability, per command, that a broker begins to hold back the commands of its topic."""
 THIEF = "activator"
-DRONES = (1, 2)
 
 
 def signed_payload(payload: bytes) -> bytes:

@@ -5,23 +5,23 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from mqttxt.core.effects import Inbound, Log, Publish
+from mqttxt.core.effects import Log, Publish
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.commands import Arm
+from mqttxt.protocol.commands import Arm, Command
 from mqttxt.protocol.messages import Presence, ResultMessage, Word
+from mqttxt.protocol.rankings import SelectMessage, SelectMode
 from mqttxt.security.cose import Envelope
 from mqttxt.security.seal import Seal
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.signing import seal
-from tests.simulation.world import GS_SESSION, UAV_SESSION, World, command_payload, results
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, command_payload, results
 
 OTHER_SESSION = 0x77
 
 
 def signed_world() -> World:
     """A fog that signs, its drone under the control of station g."""
-    made = World(signed=True).start()
-    made.pass_time(1000)
+    made = World(signed=True).start(1000)
     made.logs.clear()
     made.heard.clear()
     return made
@@ -33,11 +33,17 @@ def signed_command(by: Seal | None = None, topic: str = "drone1/commands", **cha
     return (by or seal("gs-g")).sign(topic, encode(command_payload(fields.pop("command", Arm()), **fields)))
 
 
+def chosen(world: World, mode: SelectMode, command: Command) -> SelectMessage:
+    """What station g asks its fog for the best drone, as the command 50."""
+    ids = {"gs_session": GS_SESSION, "seq": 50, "executor_session": FOG_SESSION}
+    return SelectMessage(**ids, deadline_ms=world.now_ms + 5000, limit_s=60.0, epoch=0, mode=mode, command=command)
+
+
 def to_drone(
     world: World, envelope: Envelope | bytes, topic: str = "drone1/commands", retain: bool = False
 ) -> list[Any]:
     payload = envelope if isinstance(envelope, bytes) else envelope.encode()
-    return list(world.uav.on_message("fog", Inbound(topic, payload, 1, retain), world.now_ms))
+    return world.hears("uav", topic, payload, retain)
 
 
 def said(effects: list[Any]) -> list[tuple[Word, str | None]]:
@@ -61,15 +67,11 @@ def last_sent(world: World, topic: str) -> Publish:
     return next(publish for _, publish in reversed(world.sent) if publish.topic == topic)
 
 
-def delivered(publish: Publish) -> tuple[str, bytes, int]:
-    return publish.topic, publish.payload, publish.qos
-
-
 def meet(world: World, station: Seal, session: int) -> None:
     """Introduce another station to the drone: its birth arrives as the activator passes it on."""
     topic = f"gs/{station.certificate.node.label}/reachable"
     birth = station.sign(topic, encode(Presence(session=session, up=True)), with_certificate=True)
-    out = world.uav.on_message("fog", Inbound("drone1/stations", birth.encode(), 1), world.now_ms)
+    out = world.hears("uav", "drone1/stations", birth.encode())
     world.logs += [effect for effect in out if isinstance(effect, Log)]
 
 
@@ -79,6 +81,6 @@ def word(by: str, said_word: Word, topic: str, session: int = UAV_SESSION, seq: 
 
 
 def hear(world: World, payload: bytes) -> list[Any]:
-    out = world.gs.on_message("cloud", Inbound("fog1/drone1/commands_result/arm", payload, 1), world.now_ms)
+    out = world.hears("gs", "fog1/drone1/commands_result/arm", payload)
     world.heard += [effect for effect in out if isinstance(effect, Outcome)]
-    return list(out)
+    return out

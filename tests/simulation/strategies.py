@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any
 
@@ -97,6 +98,11 @@ def _typed(name: str, kind: ParameterType, value: float | None) -> Parameter | N
     return None if value is not None and abs(value) > FLOAT32_MAX else Parameter(name, kind, value)
 
 
+def as_sent(row: TopicRow, letters: dict[str, str]) -> str:
+    """A row's topic with numbers and names for its letters."""
+    return re.sub(r"(?<=fog|one|sor)[XYS]|(?<=/)[ZCKG](?=/|$)", lambda letter: letters[letter[0]], row.topic)
+
+
 def inbound(rows: tuple[TopicRow, ...], known: tuple[int, ...]) -> st.SearchStrategy[Inbound]:
     """A message on a topic of the table or on none, whose payload belongs there or is arbitrary.
 
@@ -115,19 +121,12 @@ def _on(row: TopicRow, known: tuple[int, ...]) -> st.SearchStrategy[Inbound]:
     @st.composite
     def build(draw: st.DrawFn) -> Inbound:
         name = draw(names)
-        letters = {"X": "1", "Y": str(draw(st.sampled_from([1, 1, 1, 2, 250]))), "S": "3"}
-        topic = row.topic
-        for word in ("fog", "drone", "sensor"):
-            topic = topic.replace(f"{word}{_LETTER[word]}", word + letters[_LETTER[word]])
-        for letter in "ZCKG":
-            topic = topic.replace(f"/{letter}", f"/{name}") if f"/{letter}" in row.topic else topic
+        drone = str(draw(st.sampled_from([1, 1, 1, 2, 250])))
+        topic = as_sent(row, {"X": "1", "Y": drone, "S": "3", **dict.fromkeys("ZCKG", name)})
         payload = draw(_payload_of(row, name, known) | PAYLOADS)
         return Inbound(topic, payload, draw(st.integers(0, 1)), draw(st.booleans()))
 
     return build()
-
-
-_LETTER = {"fog": "X", "drone": "Y", "sensor": "S"}
 
 
 def _payload_of(row: TopicRow, name: str, known: tuple[int, ...]) -> st.SearchStrategy[bytes]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.core.address import BrokerAddress
@@ -16,7 +16,7 @@ from mqttxt.drone.effects import Led
 from mqttxt.drone.paths import Paths
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.policies import POLICIES
-from tests.simulation.world import World, heartbeat, home, landed, matches, position
+from tests.simulation.world import World, matches, on_the_ground
 
 LINKS_TO = connections(FOG, BrokerAddress("lte", 1883), BrokerAddress("sat", 1883))
 LINKS = tuple(LINKS_TO)
@@ -125,9 +125,9 @@ class TwoLinks(World):
     def _changed(self, name: str, lost: str | None) -> Any:
         return getattr(self, name).on_path(lost, self.now_ms)
 
-    def start(self) -> TwoLinks:
+    def start(self, for_ms: int = 0) -> Self:
         self.gs.add_fogs([1])
-        for message in (heartbeat(), home(), position(), landed(1)):
+        for message in on_the_ground():
             self.uav.on_mavlink(message, self.now_ms)
         self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
         for link in LINKS:
@@ -135,6 +135,7 @@ class TwoLinks(World):
         for link in LINKS:
             self.connect("uav", link)
         self.run("gs", self.gs.on_connected(CLOUD, self.now_ms))
+        self.pass_time(for_ms)
         return self
 
     def connect(self, name: str, link: str) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Self
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -20,10 +20,11 @@ from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode
-from mqttxt.protocol.messages import CommandId, CommandMessage, ResultMessage
+from mqttxt.protocol.messages import CommandMessage, ResultMessage
 from mqttxt.protocol.values import Encoding
 from mqttxt.security.seal import Seal
 from mqttxt.station.role import StationRole
+from tests.simulation.kept import Kept
 from tests.simulation.signing import seal
 
 GS_SESSION, FOG_SESSION, UAV_SESSION = 0x11, 0x22, 0x33
@@ -65,13 +66,22 @@ def home() -> Any:
     return from_autopilot(mavlink.MAVLink_home_position_message(*HOME, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0))
 
 
+def on_the_ground(kind: int = mavlink.MAV_AUTOPILOT_PX4) -> tuple[Any, ...]:
+    """What an autopilot reports that is ready and disarmed."""
+    return heartbeat(kind=kind), home(), position(), landed(1)
+
+
+def connect(client: UavClient, now_ms: int) -> list[Any]:
+    """Connect at the fog broker, which grants every subscription: what the client does then."""
+    subscribes = [effect for effect in client.on_connected(FOG, now_ms) if isinstance(effect, Subscribe)]
+    return [effect for subscribe in subscribes for effect in client.on_subscribed(subscribe, now_ms)]
+
+
 def ready(client: UavClient, now_ms: int = 0) -> None:
-    """Feed heartbeat, home and position, and connect and subscribe at the fog broker."""
-    for message in (heartbeat(), home(), position(), landed(1)):
+    """Feed what the autopilot reports, and connect."""
+    for message in on_the_ground():
         client.on_mavlink(message, now_ms)
-    for effect in client.on_connected(FOG, now_ms):
-        if isinstance(effect, Subscribe):
-            client.on_subscribed(effect, now_ms)
+    connect(client, now_ms)
 
 
 def command_payload(command: Any, **changed: Any) -> CommandMessage:
@@ -108,24 +118,6 @@ def transmitted(effects: Iterable[Any]) -> list[Any]:
     return [e for e in effects if isinstance(e, Transmit) and e.ref is not None]
 
 
-class Kept:
-    """A journal's contents, by the rules of `drone.journal`, without a disk."""
-
-    def __init__(self) -> None:
-        self.unfinished: dict[CommandId, Unfinished] = {}
-        self.is_full = False
-
-    def takes(self, effect: Journal) -> bool:
-        """Record an effect unless the disk is full, which loses no more than that record."""
-        if self.is_full:
-            return False
-        if not effect.done:
-            self.unfinished[effect.id] = Unfinished(effect.id, effect.command, effect.word, effect.reason)
-        elif effect.id in self.unfinished:
-            self.unfinished[effect.id] = replace(self.unfinished[effect.id], delivered=True)
-        return True
-
-
 @dataclass
 class World:
     """A ground station, an activator and one drone, and everything that happened between them."""
@@ -149,6 +141,7 @@ class World:
     retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
     logs_folder: LogFiles | None = None
     """Where the UAV client keeps flight logs, if it does."""
+    carries_sensors: bool = False
     drone: int = 1
     kind: int = mavlink.MAV_AUTOPILOT_PX4
     """MAV_AUTOPILOT in the heartbeats that a restarted UAV client receives."""
@@ -171,38 +164,54 @@ class World:
         return Activator(1, session, self.settings, drones=(1,), seal=self._seal("fog1"))
 
     def _uav(self, session: int, **left: Any) -> UavClient:
-        left.setdefault("options", UavOptions(keeps_logs=self.logs_folder is not None))
+        keeps_logs = self.logs_folder is not None
+        left.setdefault("options", UavOptions(keeps_logs=keeps_logs, carries_sensors=self.carries_sensors))
         return UavClient(self.drone, session, self.settings, seal=self._seal(f"drone{self.drone}"), fog=1, **left)
 
-    def start(self) -> World:
-        """Connect everything: the drone becomes reachable, the ground station registers."""
+    def start(self, for_ms: int = 0) -> Self:
+        """Connect everything, and let time pass: the drone becomes reachable, the ground station registers."""
         self.gs.add_fogs([1])
-        for message in (heartbeat(), home(), position(), landed(1)):
-            self.uav.on_mavlink(message, self.now_ms)
-        self.run("activator", self.activator.on_connected(FOG, self.now_ms))
-        self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
-        self.run("uav", self.uav.on_connected(FOG, self.now_ms))
+        self._connect_activator()
+        self._connect_uav()
         self.run("gs", self.gs.on_connected(CLOUD, self.now_ms))
+        self.pass_time(for_ms)
         return self
+
+    def _connect_activator(self) -> None:
+        for link in (FOG, CLOUD):
+            self.run("activator", self.activator.on_connected(link, self.now_ms))
+
+    def _connect_uav(self) -> None:
+        for message in on_the_ground(self.kind):
+            self.uav.on_mavlink(message, self.now_ms)
+        self.run("uav", self.uav.on_connected(FOG, self.now_ms))
+
+    def deafen(self, name: str) -> None:
+        """End a role's subscriptions: it hears no more."""
+        self.subscribed = [entry for entry in self.subscribed if entry[0] != name]
+
+    def kill(self, name: str, link: str) -> None:
+        """End a role, whose broker publishes its will."""
+        self.deafen(name)
+        will = getattr(self, name).will()
+        self.route(name, Publish(link, will.topic, will.payload, 1, retain=True))
 
     def restart_activator(self, session: int) -> None:
         """Kill the activator, and start another one in its place."""
-        self.subscribed = [entry for entry in self.subscribed if entry[0] != "activator"]
-        will = self.activator.will()
-        self.route("activator", Publish(CLOUD, will.topic, will.payload, 1, retain=True))
+        self.kill("activator", CLOUD)
         self.activator = self._activator(session)
-        self.run("activator", self.activator.on_connected(FOG, self.now_ms))
-        self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
+        self._connect_activator()
 
     def restart_uav(self, session: int, unfinished: list[Unfinished], remembers: bool = True) -> None:
         """Kill the UAV client, and start another one with the contents of the journal."""
-        self.subscribed = [entry for entry in self.subscribed if entry[0] != "uav"]
-        will = self.uav.will()
-        self.route("uav", Publish(FOG, will.topic, will.payload, 1, retain=True))
+        self.kill("uav", FOG)
         self.uav = self._uav(session, unfinished=unfinished, remembers=remembers)
-        for message in (heartbeat(kind=self.kind), home(), position(), landed(1)):
-            self.uav.on_mavlink(message, self.now_ms)
-        self.run("uav", self.uav.on_connected(FOG, self.now_ms))
+        self._connect_uav()
+
+    def hears(self, name: str, topic: str, payload: bytes, retain: bool = False) -> list[Any]:
+        """What a role does with a message that its broker delivers, without carrying it out."""
+        link = FOG if topic.startswith("drone") else CLOUD
+        return list(getattr(self, name).on_message(link, Inbound(topic, payload, 1, retain), self.now_ms))
 
     def autopilot(self, *messages: Any) -> None:
         for message in messages:

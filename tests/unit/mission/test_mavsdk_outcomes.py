@@ -12,6 +12,7 @@ from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from mission.fleet import Point, Status
 from mission.mavsdk_outcomes import (
+    Goal,
     HeartbeatCount,
     Place,
     Told,
@@ -106,8 +107,8 @@ def test_a_takeoff_needs_the_air_where_the_streams_tell_it() -> None:
     assert goal.reached(view(tells_landed=False, place=at(10)), ASKED_S)
 
 
-def test_a_landing_is_completed_on_the_ground_and_disarmed() -> None:
-    goal = land_goal()
+@pytest.mark.parametrize("goal", [land_goal(), return_goal()], ids=["landing", "return"])
+def test_a_landing_and_a_return_are_completed_on_the_ground_and_disarmed(goal: Goal) -> None:
     ground, disarmed = Told(Landed.ON_GROUND, LATER), Told(False, LATER)
     assert goal.reached(view(armed=disarmed, landed=ground), ASKED_S)
     assert not goal.reached(view(armed=Told(True, LATER), landed=ground), ASKED_S)
@@ -128,11 +129,8 @@ def test_a_drone_has_arrived_within_two_metres_across_and_one_in_height(
     assert not goal.reached(view(place=replace(there, at_s=ASKED_S - 1)), ASKED_S), "told before it was asked"
 
 
-def test_a_return_is_completed_on_the_ground_and_disarmed() -> None:
+def test_a_return_ends_with_a_landing_and_with_nothing_else() -> None:
     goal = return_goal()
-    ground, disarmed = Told(Landed.ON_GROUND, LATER), Told(False, LATER)
-    assert goal.reached(view(armed=disarmed, landed=ground), ASKED_S)
-    assert not goal.reached(view(armed=Told(True, LATER), landed=ground), ASKED_S)
     landing, hold = Told(FlightModeName.LAND, LATER), Told(FlightModeName.HOLD, LATER)
     assert goal.failure(view(mode=landing), ASKED_S, entered=True) is None, "it ends with a landing"
     assert goal.failure(view(mode=hold), ASKED_S, entered=True) == "mode_changed"

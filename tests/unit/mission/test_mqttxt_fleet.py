@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import AsyncIterator, Callable, Iterable
 from io import StringIO
@@ -135,33 +136,36 @@ class Station:
         raise self.end
 
 
-async def _set_up(
-    monkeypatch: pytest.MonkeyPatch, states: str, answers: dict[int, Word | None] | None = None
-) -> Station:
-    station = Station(answers or {})
+@contextlib.asynccontextmanager
+async def connected(
+    monkeypatch: pytest.MonkeyPatch, station: Station, events: Path = Path("/dev/null"), states: str = "on-change"
+) -> AsyncIterator[MqttxtFleet]:
+    """A fleet that is closed in the end, whatever happens."""
     monkeypatch.setattr(mqttxt_fleet, "GroundStation", station)
-    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(Path("/dev/null"), StringIO()), states)
+    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(events, StringIO()), states)
     try:
         await fleet.connect(5)
+        yield fleet
     finally:
         await fleet.close()
-    return station
+
+
+def _events(path: Path, kind: str) -> list[dict[str, Any]]:
+    events = [json.loads(line) for line in path.read_text().splitlines()]
+    return [event for event in events if event["event"] == kind]
 
 
 async def test_a_station_that_the_broker_refuses_ends_the_mission_with_its_reason(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     station = Station({})
-    monkeypatch.setattr(mqttxt_fleet, "GroundStation", station)
-    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(Path("/dev/null"), StringIO()))
-    await fleet.connect(5)
-    waiting = asyncio.create_task(fleet.changed())
-    await asyncio.sleep(0)
-    station.ends.set()
-    for heard in (waiting, fleet.changed()):
-        with pytest.raises(MissionError, match="cloud: another client took over"):
-            await heard
-    await fleet.close()
+    async with connected(monkeypatch, station) as fleet:
+        waiting = asyncio.create_task(fleet.changed())
+        await asyncio.sleep(0)
+        station.ends.set()
+        for heard in (waiting, fleet.changed()):
+            with pytest.raises(MissionError, match="cloud: another client took over"):
+                await heard
     assert "the ground station ended: cloud: another client took over" in caplog.text
 
 
@@ -169,19 +173,17 @@ async def test_a_station_that_the_broker_refuses_ends_the_mission_with_its_reaso
 async def test_what_names_a_plan_is_written_in_hexadecimal(
     state: VitalState, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(mqttxt_fleet, "GroundStation", Station({}, [StateUpdate(1, 2, state, 90, age_ms=3)]))
-    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(tmp_path / "events.jsonl", StringIO()))
-    await fleet.connect(5)
-    await fleet.changed()
-    await fleet.close()
-    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
-    (written,) = [event["value"] for event in events if event["event"] == "state"]
-    assert written[state.name] == HASH.hex()
+    station, path = Station({}, [StateUpdate(1, 2, state, 90, age_ms=3)]), tmp_path / "events.jsonl"
+    async with connected(monkeypatch, station, path) as fleet:
+        await fleet.changed()
+    (written,) = _events(path, "state")
+    assert written["value"][state.name] == HASH.hex()
 
 
 async def test_on_change_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    station = await _set_up(monkeypatch, "on-change")
-    assert station.asked == []
+    station = Station({})
+    async with connected(monkeypatch, station):
+        assert station.asked == []
     assert station.options == {"qos": 0, "bundles": False, "identity": None, "signed": False, "insecure": True}
 
 
@@ -189,9 +191,10 @@ async def test_on_change_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> No
 async def test_five_states_are_asked_for_once_a_second_at_each_fog(
     states: str, bundles: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    station = await _set_up(monkeypatch, states)
+    station = Station({})
     names = ("battery", "location", "groundspeed", "flight_mode", "heading")
-    assert station.asked == [(fog, Stream(name, 1.0)) for fog in FOGS for name in names]
+    async with connected(monkeypatch, station, states=states):
+        assert station.asked == [(fog, Stream(name, 1.0)) for fog in FOGS for name in names]
     assert station.options["bundles"] is bundles
 
 
@@ -206,28 +209,25 @@ async def test_a_state_that_will_not_come_fails_the_mission_before_it_begins(
     answer: Word | None, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(MissionError) as failure:
-        await _set_up(monkeypatch, "fixed", {4: answer})
+        async with connected(monkeypatch, Station({4: answer}), states="fixed"):
+            pass
     assert str(failure.value) == reason
 
 
 async def test_each_drone_is_sent_to_its_own_point_and_all_return_by_broadcast(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    station = Station({4: Word.FAILED})
-    monkeypatch.setattr(mqttxt_fleet, "GroundStation", station)
-    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(tmp_path / "events.jsonl", StringIO()))
+    station, path = Station({4: Word.FAILED}), tmp_path / "events.jsonl"
     points = {drone: Point(47.0 + drone / 1000, 8.0, 10.0) for drone in (1, 2, 4)}
-    await fleet.connect(5)
-    assert await fleet.goto(points) == [
-        *(Result(drone, "completed") for drone in (1, 2)),
-        Result(4, "failed", "unknown_state"),
-    ]
-    assert [result.drone for result in await fleet.return_home()] == [1, 2, 4]
-    await fleet.close()
+    async with connected(monkeypatch, station, path) as fleet:
+        assert await fleet.goto(points) == [
+            *(Result(drone, "completed") for drone in (1, 2)),
+            Result(4, "failed", "unknown_state"),
+        ]
+        assert [result.drone for result in await fleet.return_home()] == [1, 2, 4]
     assert station.asked[:3] == [(drone, Goto(47.0 + drone / 1000, 8.0, 10.0)) for drone in (1, 2, 4)]
     assert station.asked[3:] == [(1, Return()), (2, Return())]
-    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
-    commands = [(event["call"], event["command"], event["drone"]) for event in events if event["event"] == "command"]
+    commands = [(event["call"], event["command"], event["drone"]) for event in _events(path, "command")]
     assert commands == [(1, "goto", 1), (2, "goto", 2), (3, "goto", 4), (4, "return", None), (5, "return", None)]
 
 
@@ -235,31 +235,24 @@ async def test_each_drone_is_sent_to_its_own_point_and_all_return_by_broadcast(
 async def test_the_fogs_choose_who_flies_to_a_point(
     word: Word | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    station = Station({4: word})
-    monkeypatch.setattr(mqttxt_fleet, "GroundStation", station)
-    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(tmp_path / "events.jsonl", StringIO()))
-    await fleet.connect(5)
-    if word is None:
-        with pytest.raises(MissionError, match=r"^goto_best: denied \(none_left\)$"):
-            await fleet.goto_best(Point(47.0, 8.0, 10.0))
-    else:
-        assert await fleet.goto_best(Point(47.0, 8.0, 10.0)) == Result(4, "completed")
-    await fleet.close()
+    station, path = Station({4: word}), tmp_path / "events.jsonl"
+    async with connected(monkeypatch, station, path) as fleet:
+        if word is None:
+            with pytest.raises(MissionError, match=r"^goto_best: denied \(none_left\)$"):
+                await fleet.goto_best(Point(47.0, 8.0, 10.0))
+        else:
+            assert await fleet.goto_best(Point(47.0, 8.0, 10.0)) == Result(4, "completed")
     assert station.asked == [((1, 2), Goto(47.0, 8.0, 10.0))]
-    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
-    assert [event["chosen"] for event in events if event["event"] == "psmi"] == [4]
+    assert [event["chosen"] for event in _events(path, "psmi")] == [4]
 
 
 async def test_a_step_bounds_its_commands_so_that_their_last_words_come_within_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(mqttxt_fleet, "GroundStation", Station({}))
-    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(Path("/dev/null"), StringIO()))
-    await fleet.connect(5)
-    told_s = fleet.within(90)
-    await fleet.arm()
-    await fleet.land()
-    await fleet.close()
+    async with connected(monkeypatch, Station({})) as fleet:
+        told_s = fleet.within(90)
+        await fleet.arm()
+        await fleet.land()
     limits_s = fleet._fogs[1].limits_s  # type: ignore[attr-defined]
     assert limits_s == {"arm": Arm.limit_s, "land": 90}, "its own, where that is shorter"
     assert told_s > TTL_S + 90 + 2 * GRACE_MS / 1000, "when a station's library closes a command"
@@ -272,12 +265,9 @@ async def test_a_word_about_a_fog_as_a_whole_is_that_of_each_of_its_drones(monke
             word = Word.UNCONFIRMED if drone is None else Word.COMPLETED
             yield Outcome(CommandId(1, 1), self.number, drone, command.name, word, "no_roster")
 
-    monkeypatch.setattr(mqttxt_fleet, "GroundStation", Station({}))
     monkeypatch.setattr(Fog, "answer", lost)
-    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(Path("/dev/null"), StringIO()))
-    await fleet.connect(5)
-    results = await fleet.land()
-    await fleet.close()
+    async with connected(monkeypatch, Station({})) as fleet:
+        results = await fleet.land()
     assert [str(result) for result in results if not result.completed] == [
         "drone 1: unconfirmed (no_roster)",
         "drone 2: unconfirmed (no_roster)",

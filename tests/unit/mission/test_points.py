@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -22,13 +21,6 @@ def test_a_point_is_60_to_120_m_from_where_its_drone_takes_off() -> None:
         away_m = haversine_m(home.latitude_deg, home.longitude_deg, point.latitude_deg, point.longitude_deg)
         assert 60 <= away_m <= 120.5, drone
         assert away_m > RANGE_M
-
-
-def test_no_two_drones_have_one_point() -> None:
-    points = all_points()
-    assert list(points) == [1, 2, 3, 4, 5, 6]
-    for one, other in combinations(points.values(), 2):
-        assert haversine_m(one.latitude_deg, one.longitude_deg, other.latitude_deg, other.longitude_deg) > 2 * RANGE_M
 
 
 def test_the_points_of_another_fleet_are_those_of_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-import pytest
-
 from mission.mavsdk_calls import items_of
 from mission.mqttxt_fleet import plan_of
 from mission.points import points_of
@@ -47,8 +45,3 @@ def test_over_every_protocol_it_is_the_same_mission() -> None:
     ]
     assert [math.isnan(item.param4) for item in items] == [item.params[3] is None for item in mission]
     assert PlanObject.unpacked(plan_of(survey).content.packed()).mission == mission
-
-
-def test_a_drone_without_a_point_has_no_survey() -> None:
-    with pytest.raises(ValueError, match="drone 99 has no point"):
-        surveys_of([99])

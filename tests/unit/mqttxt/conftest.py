@@ -1,4 +1,4 @@
-"""A disk that a test can fill, a group for the tasks of a gateway, a fleet, and a fog that signs."""
+"""A disk that a test can fill, a gateway's desk with its tasks and a client, a fleet, and a fog that signs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from mqttxt.gateway.clients import Client
 from mqttxt.security.authority import Authority
 from tests.rigs.small_disk import SmallDisk
+from tests.simulation.desk import Bench
 from tests.simulation.signed import signed_world
 from tests.simulation.world import World
 
@@ -29,6 +31,18 @@ async def group() -> AsyncIterator[asyncio.TaskGroup]:
         yield made
         for task in list(made._tasks):
             task.cancel()
+
+
+@pytest.fixture
+def bench(group: asyncio.TaskGroup) -> Bench:
+    """A gateway's desk with one armed drone."""
+    return Bench(group)
+
+
+@pytest.fixture
+def client(bench: Bench) -> Client:
+    """A client of the desk, which has sent a HEARTBEAT."""
+    return bench.client()
 
 
 @pytest.fixture

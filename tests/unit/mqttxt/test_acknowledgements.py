@@ -21,6 +21,14 @@ def flying() -> Bench:
     return Bench(heartbeat(armed=True), home(), position(10.0), landed(AIR))
 
 
+def returning() -> Bench:
+    """A drone in the air whose return was accepted."""
+    bench = flying()
+    bench.start(1, Return())
+    assert said(bench.hear(ack(MODE))) == [TAKEN]
+    return bench
+
+
 def has_plan(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A mission's start, unlike a return, waits for its number."""
     monkeypatch.setattr(bench.executor.plans, "preparing", lambda *_: None)
@@ -31,25 +39,19 @@ def has_plan(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     [(REJECTED, "temporarily_rejected"), (DENIED, "autopilot"), (UNSUPPORTED, "unsupported"), (FAILED, "autopilot")],
 )
 def test_a_return_that_is_refused_after_it_was_accepted_has_failed(result: int, reason: str) -> None:
-    bench = flying()
-    bench.start(1, Return())
-    out = bench.hear(ack(MODE), ack(MODE, result))
-    assert out[1:] == [out[1]], "nothing is counted as stray"
-    assert said(out) == [TAKEN, (1, Word.FAILED, reason)]
+    out = returning().hear(ack(MODE, result))
+    assert len(out) == 1, "nothing is counted as stray"
+    assert said(out) == [(1, Word.FAILED, reason)]
 
 
 def test_a_second_acceptance_says_nothing_new() -> None:
-    bench = flying()
-    bench.start(1, Return())
-    assert said(bench.hear(ack(MODE))) == [TAKEN]
+    bench = returning()
     assert bench.hear(ack(MODE)) == []
     assert written(bench.start(2, Return())) == [MODE]
 
 
 def test_the_second_acknowledgement_is_not_taken_for_the_next_commands(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = flying()
-    bench.start(1, Return())
-    bench.hear(ack(MODE))
+    bench = returning()
     has_plan(bench, monkeypatch)
     assert written(bench.start(2, StartMission(bytes(16)))) == []
     assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
@@ -58,9 +60,7 @@ def test_the_second_acknowledgement_is_not_taken_for_the_next_commands(monkeypat
 
 
 def test_the_second_acknowledgement_is_not_that_of_a_return_which_does_not_wait_for_it() -> None:
-    bench = flying()
-    bench.start(1, Return())
-    bench.hear(ack(MODE))
+    bench = returning()
     assert written(bench.start(2, Return())) == [MODE]
     assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
     assert said(bench.hear(ack(MODE, source=Source.HALT)))[0] == (2, Word.ACCEPTED, None)
@@ -68,9 +68,7 @@ def test_the_second_acknowledgement_is_not_that_of_a_return_which_does_not_wait_
 
 def test_an_autopilot_that_answers_once_bars_its_number_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
     """PX4 1.15."""
-    bench = flying()
-    bench.start(1, Return())
-    bench.hear(ack(MODE))
+    bench = returning()
     has_plan(bench, monkeypatch)
     bench.start(2, StartMission(bytes(16)))
     assert written(bench.until(200)) == []
@@ -94,9 +92,8 @@ def test_two_copies_that_are_both_refused_have_failed() -> None:
 
 
 def test_a_mode_that_a_heartbeat_has_shown_is_not_refused() -> None:
-    bench = flying()
-    bench.start(1, Return())
-    bench.hear(ack(MODE), heartbeat(armed=True, **RETURNING))
+    bench = returning()
+    bench.hear(heartbeat(armed=True, **RETURNING))
     assert said(bench.hear(ack(MODE, REJECTED))) == []
 
 
@@ -138,9 +135,7 @@ def test_an_autopilot_that_answers_once_is_not_waited_for_after_several_holds_of
 
 
 def test_a_refusal_that_comes_late_is_still_the_commands() -> None:
-    bench = flying()
-    bench.start(1, Return())
-    bench.hear(ack(MODE))
+    bench = returning()
     bench.until(1000)
     assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
 
@@ -157,6 +152,26 @@ def twice_written() -> Bench:
     bench.start(1, Arm(), limit_ms=4000)
     assert written(bench.until(500)) == [ARM]
     return bench
+
+
+def test_a_refusal_is_no_definite_no_while_another_copy_is_unanswered() -> None:
+    bench = twice_written()
+    assert said(bench.hear(ack(ARM, REJECTED))) == []
+    out = bench.until(5000)
+    assert written(out) == []
+    assert said(out) == [(1, Word.UNCONFIRMED, "refused_once")]
+
+
+def test_copies_that_are_all_refused_are_a_definite_no() -> None:
+    bench = twice_written()
+    assert said(bench.hear(ack(ARM, REJECTED), ack(ARM, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
+
+
+@pytest.mark.parametrize("refusal", [REJECTED, FAILED])
+def test_a_copy_that_was_accepted_goes_before_one_that_was_refused(refusal: int) -> None:
+    bench = twice_written()
+    assert said(bench.hear(ack(ARM, refusal))) == []
+    assert said(bench.hear(ack(ARM), heartbeat(armed=True))) == [TAKEN, (1, Word.COMPLETED, None)]
 
 
 @pytest.mark.parametrize("refusal", [REJECTED, DENIED, FAILED])
@@ -182,12 +197,6 @@ def test_past_its_limit_a_command_has_failed_though_a_copy_of_it_was_refused() -
     bench = twice_written()
     bench.hear(ack(ARM, REJECTED), ack(ARM))
     assert said(bench.until(4000)) == [(1, Word.FAILED, "timeout")]
-
-
-def test_a_copy_that_failed_says_nothing_of_the_other() -> None:
-    bench = twice_written()
-    assert said(bench.hear(ack(ARM, FAILED))) == []
-    assert said(bench.hear(ack(ARM))) == [TAKEN]
 
 
 def test_a_copy_that_failed_makes_no_definite_no_of_the_others_refusal() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from mqttxt.activator.stations import MOST_STATIONS
@@ -13,6 +15,13 @@ from mqttxt.protocol.state_payload import decode_state
 from mqttxt.protocol.states import Armed
 from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
 from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, heartbeat
+
+
+def record(effects: list[Any]) -> DroneRecord:
+    """The one record of drone 1 among these effects."""
+    (told,) = of(effects, "fog1/drone1/reachable")
+    return decode(DroneRecord, told.payload)
+
 
 # Birth and rivals
 
@@ -29,8 +38,7 @@ def test_commands_are_subscribed_live_only_and_birth_waits_for_what_is_retained(
     told = decode(FogPresence, presence.payload)
     assert (told.session, told.up, told.authenticated) == (FOG_SESSION, True, False)
     assert [entry.drone for entry in told.drones or ()] == [1]
-    (record,) = of(birth, "fog1/drone1/reachable")
-    assert decode(DroneRecord, record.payload) == DroneRecord(activator_session=FOG_SESSION, up=False)
+    assert record(birth) == DroneRecord(activator_session=FOG_SESSION, up=False)
 
 
 def test_a_live_rival_makes_the_second_activator_stop() -> None:
@@ -98,8 +106,7 @@ def test_another_sessions_word_about_a_drone_is_put_right() -> None:
     bench = ActivatorBench()
     bench.until(BORN_MS)
     bench.cloud("drone1/reachable", DroneRecord(activator_session=99, up=True, drone_session=5), True)
-    (record,) = of(bench.until(BORN_MS + 1100), "fog1/drone1/reachable")
-    assert decode(DroneRecord, record.payload) == DroneRecord(activator_session=FOG_SESSION, up=False)
+    assert record(bench.until(BORN_MS + 1100)) == DroneRecord(activator_session=FOG_SESSION, up=False)
 
 
 def test_a_clean_stop_says_so_for_the_fog_and_its_drones() -> None:
@@ -114,18 +121,15 @@ def test_a_clean_stop_says_so_for_the_fog_and_its_drones() -> None:
 def test_a_drone_is_reachable_after_its_echo_and_not_before() -> None:
     bench = ActivatorBench()
     assert of(bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=True)), "fog1/drone1/reachable") == []
-    (record,) = of(bench.appear(), "fog1/drone1/reachable")
-    told = decode(DroneRecord, record.payload)
+    told = record(bench.appear())
     assert (told.up, told.drone_session, told.activator_session) == (True, UAV_SESSION, FOG_SESSION)
 
 
 def test_a_drones_will_or_silence_makes_it_unreachable() -> None:
-    (record,) = of(ready().fog("drone1/reachable", Presence(session=UAV_SESSION, up=False)), "fog1/drone1/reachable")
-    assert not decode(DroneRecord, record.payload).up
+    assert not record(ready().fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))).up
     bench = ready(controlled=False)
     assert of(bench.until(BORN_MS + 30_000), "fog1/drone1/reachable") == []
-    (record,) = of(bench.until(BORN_MS + 30_100), "fog1/drone1/reachable")
-    assert not decode(DroneRecord, record.payload).up
+    assert not record(bench.until(BORN_MS + 30_100)).up
 
 
 def test_an_old_sessions_will_changes_nothing() -> None:
@@ -174,18 +178,16 @@ def test_what_a_stranger_shows_of_a_drone_is_put_right_though_the_right_record_i
     bench = ready()
     right = decode(DroneRecord, bench.role.drones.record_of(1).payload)  # type: ignore[union-attr]
     wrong = DroneRecord(activator_session=FOG_SESSION, up=False)
-    for record in (wrong, right, wrong, right):
+    for shown in (wrong, right, wrong, right):
         assert of(bench.until(bench.now_ms + 200), "fog1/drone1/reachable") == []
-        bench.cloud("drone1/reachable", record)
-    (told,) = of(bench.until(bench.now_ms + 500), "fog1/drone1/reachable")
-    assert decode(DroneRecord, told.payload) == right
+        bench.cloud("drone1/reachable", shown)
+    assert record(bench.until(bench.now_ms + 500)) == right
     assert of(bench.until(bench.now_ms + 2000), "fog1/drone1/reachable") == []
 
 
 def test_without_the_fog_broker_no_drone_is_reachable() -> None:
     bench = ready()
-    (record,) = bench.role.on_disconnected("fog", bench.now_ms)
-    assert not decode(DroneRecord, record.payload).up  # type: ignore[union-attr]
+    assert not record(bench.role.on_disconnected("fog", bench.now_ms)).up
     assert words(bench.command()) == [(Word.UNREACHABLE, None)]
 
 
@@ -200,18 +202,6 @@ def test_the_gate_lets_states_through_only_while_a_lease_lives() -> None:
     assert len(of(bench.state(49), "fog1/drone1/state/battery")) == 1
     bench.until(BORN_MS + 30_200)
     assert bench.state(48) == []
-
-
-@pytest.mark.parametrize("how", ["end", "will"])
-def test_an_end_or_a_will_closes_the_gate(how: str) -> None:
-    bench = ready()
-    bench.register()
-    if how == "end":
-        bench.register(lease_s=0)
-    else:
-        will = Inbound("gs/alpha/reachable", encode(Presence(session=GS_SESSION, up=False)), 1)
-        bench.role.on_message("cloud", will, bench.now_ms)
-    assert not bench.role.leases
 
 
 def test_leases_are_of_a_station_and_a_session() -> None:

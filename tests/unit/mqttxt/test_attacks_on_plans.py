@@ -11,12 +11,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.protocol.commands import Arm, ClearPlan, Pause, SetCurrentItem, StartMission, UploadPlan
 from mqttxt.protocol.messages import Word
-from mqttxt.protocol.plans import MOST_ITEMS, PLAN, PlanList, PlanObject
-from mqttxt.station.transfers import Fetching
+from mqttxt.protocol.plans import MOST_ITEMS, PlanList, PlanObject
 from sitl.personalities import PERSONALITIES
 from tests.simulation.flight import Flight
 from tests.simulation.plan_items import ROUND_TRIP, SQUARE, UP
-from tests.unit.mqttxt.test_flight_plans import mission_hash, stage, upload
+from tests.unit.mqttxt.test_flight_plans import fetched, last_word, mission_hash, stage, upload
 
 pytestmark = pytest.mark.long
 
@@ -71,9 +70,8 @@ def test_a_mission_that_was_just_started_is_not_replaced_under_it(flight: Attack
     flight.unheard.clear()
     flight.fly(5)
     assert flight.mode in ("MISSION", "AUTO")
-    last = flight.last_of(changed)
-    assert last is not None
-    assert (last.word, last.reason, flight.last_of(started)) == (Word.DENIED, "mission_running", None)
+    assert last_word(flight, changed) == (Word.DENIED, "mission_running")
+    assert last_word(flight, started) is None
     assert len(flight.plans.mission) == before
 
 
@@ -86,8 +84,8 @@ def test_a_mission_that_was_just_started_is_paused(flight: Attacked, after_s: fl
     flight.fly(0.6)
     flight.unheard.clear()
     flight.fly(8)
-    words = [last.word for last in map(flight.last_of, (paused, started)) if last is not None]
-    assert words == [Word.COMPLETED, Word.SUPERSEDED]
+    assert last_word(flight, paused) == (Word.COMPLETED, None)
+    assert last_word(flight, started) == (Word.SUPERSEDED, None)
     assert flight.mode not in ("MISSION", "AUTO")
 
 
@@ -114,7 +112,7 @@ def test_an_item_that_no_plan_can_have_ends_the_command_and_not_the_client(fligh
     reason = f"mission item {number}: expected finite values"
     assert flight.outcome(StartMission(mission_hash(STAYS))) == (Word.DENIED, reason)
     assert flight.outcome(ClearPlan()) == (Word.FAILED, reason)
-    assert refusal(flight) == reason
+    assert fetched(flight).error == reason
 
 
 @pytest.mark.parametrize("number", [MOST_ITEMS + 2, 65_535])
@@ -128,7 +126,7 @@ def test_a_list_that_is_too_long_is_not_read_to_its_end(flight: Attacked, number
 def test_a_plan_that_is_too_long_to_be_given_ends_the_download_and_not_the_client(flight: Attacked) -> None:
     item = replace(flight.plans.mission[-1], params=(1.1, 2.2, 3.3, 4.4))
     flight.plans.put(PlanList.MISSION, (flight.plans.mission[0], *[item] * 1990))
-    assert "expected at most" in refusal(flight, 60)
+    assert "expected at most" in str(fetched(flight, 60).error)
 
 
 def test_answers_to_another_station_are_not_ours(flight: Attacked) -> None:
@@ -143,15 +141,4 @@ def test_answers_to_another_station_are_not_ours(flight: Attacked) -> None:
     assert "MISSION_COUNT" not in flight.written_ms, "nothing was read that could be compared"
     flight.lost.clear()
     flight.fly(5)
-    last = flight.last_of(changed)
-    assert last is not None
-    assert last.word is Word.COMPLETED
-
-
-def refusal(flight: Attacked, seconds: float = 5) -> str:
-    """Why a download is refused."""
-    fetching = Fetching(flight.gs.fog(1), 1, PLAN)
-    flight.run("gs", flight.gs.transfers.begin(fetching, flight.now_ms))
-    flight.fly(seconds)
-    assert fetching.is_over
-    return str(fetching.error)
+    assert last_word(flight, changed) == (Word.COMPLETED, None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -140,16 +140,11 @@ STEPS = st.lists(st.sampled_from(["add", "add", "sync", "restart"]), max_size=30
 def test_whatever_fails_a_log_is_whole_and_has_what_was_synced(
     tmp_path_factory: pytest.TempPathFactory, steps: list[str], faults: list[str]
 ) -> None:
-    path, answers = tmp_path_factory.mktemp("faulty") / "log", iter(faults)
-
-    def told() -> Iterator[str]:
-        while True:
-            yield next(answers, "")
-
+    path = tmp_path_factory.mktemp("faulty") / "log"
     must_have: list[int] = []
     added: list[int] = []
     with pytest.MonkeyPatch.context() as patch:
-        faulty = FaultyDisk(told())
+        faulty = FaultyDisk(chain(faults, repeat("")))
         patch.setattr(audit_file, "os", faulty)
         patch.setattr(disks, "os", faulty)
         file = AuditFile(path, "fog1", largest=900)

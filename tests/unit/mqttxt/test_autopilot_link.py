@@ -9,7 +9,8 @@ import os
 import socket
 import termios
 import tty
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, closing
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +24,53 @@ from mqttxt.drone.mavlink.repeated_acks import Repeats
 from mqttxt.drone.mavlink.transports import AutopilotAddress, Serial
 from mqttxt.errors import ConfigurationError
 from tests.rigs.link_bench import LinkBench
-from tests.rigs.processes import eventually
+from tests.rigs.processes import eventually, free_port
 from tests.simulation.world import ack, heartbeat
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT, ACK = heartbeat().pack(AUTOPILOT), ack(400).pack(AUTOPILOT)
 
 
-def beat(seq: int) -> bytes:
-    """A heartbeat with a number of its own, as senders give them."""
+def numbered(message: Any, seq: int) -> bytes:
+    """A message of the autopilot with a number of its own, as senders give them."""
     counting = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     counting.seq = seq
-    return bytes(heartbeat().pack(counting))
+    return bytes(message.pack(counting))
+
+
+def beat(seq: int) -> bytes:
+    return numbered(heartbeat(), seq)
+
+
+@asynccontextmanager
+async def running(link: AutopilotLink) -> AsyncIterator[asyncio.Task[None]]:
+    """Run a link while this is entered."""
+    task = asyncio.create_task(link.run())
+    try:
+        yield task
+    finally:
+        task.cancel()
+        await asyncio.wait({task})
 
 
 @pytest.fixture
 async def bench() -> AsyncIterator[LinkBench]:
     async with LinkBench().open() as made:
         yield made
+
+
+@pytest.fixture
+def pty() -> Iterator[tuple[int, int]]:
+    """A line's two ends: theirs, and the device that is opened."""
+    theirs, ours = os.openpty()
+    yield theirs, ours
+    os.close(ours)
+    os.close(theirs)
+
+
+@pytest.fixture
+def device(pty: tuple[int, int]) -> str:
+    return os.ttyname(pty[1])
 
 
 def reached(bench: LinkBench) -> list[bool]:
@@ -113,29 +143,23 @@ async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_tur
                 asyncio.get_running_loop().call_soon(lambda: held.append(list(heard)))
             heard.append(message.get_type())
 
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        port = found.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     link = AutopilotLink(
         AutopilotAddress("udp", "127.0.0.1", port), 1, on_readable, lambda found: heard.append(found.reason)
     )
-    running = asyncio.create_task(link.run())
-    await eventually(lambda: link._transport is not None, "it listens")
-    autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for data in [*[beat(seq) for seq in range(100)], ack(400).pack(autopilot)]:
-            sender.sendto(data, ("127.0.0.1", port))
-    await eventually(lambda: held != [], "heard")
-    assert held == [["HEARTBEAT"] * 100 + ["COMMAND_ACK"]]
-    running.cancel()
-    await asyncio.wait({running})
+    async with running(link):
+        await eventually(lambda: link._transport is not None, "it listens")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for data in [*[beat(seq) for seq in range(100)], ACK]:
+                sender.sendto(data, ("127.0.0.1", port))
+        await eventually(lambda: held != [], "heard")
+        assert held == [["HEARTBEAT"] * 100 + ["COMMAND_ACK"]]
 
 
-def test_a_device_that_takes_nothing_holds_nobody_up() -> None:
-    theirs, ours = os.openpty()
+def test_a_device_that_takes_nothing_holds_nobody_up(pty: tuple[int, int], device: str) -> None:
+    theirs, ours = pty
     tty.setraw(ours)
-    line = Serial(AutopilotAddress("serial", os.ttyname(ours), 57600), lambda message, _: message)
-    try:
+    with closing(Serial(AutopilotAddress("serial", device, 57600), lambda message, _: message)) as line:
         assert line.write(b"heartbeat")
         assert os.read(theirs, 100) == b"heartbeat"
         taken = 0
@@ -145,24 +169,17 @@ def test_a_device_that_takes_nothing_holds_nobody_up() -> None:
         while taken > 0:
             taken -= len(os.read(theirs, 4096))
         assert line.write(b"heartbeat")
-    finally:
-        line.close()
-        os.close(ours)
-        os.close(theirs)
-
-
-def numbered(message: Any, seq: int) -> Any:
-    """A message as it is read from a link, with a number of its sender's."""
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    sender.seq = seq
-    return mavlink.MAVLink(None).decode(bytearray(message.pack(sender)))
 
 
 def test_an_acknowledgement_that_the_link_doubled_is_heard_once() -> None:
     repeats = Repeats()
+
+    def is_copy(seq: int, now_s: float) -> bool:
+        return repeats.is_copy(mavlink.MAVLink(None).decode(bytearray(numbered(ack(400), seq))), now_s)
+
     heard = ((7, 0.0), (8, 0.1), (7, 2.9), (8, 3.0))
-    assert [repeats.is_copy(numbered(ack(400), seq), now_s) for seq, now_s in heard] == [False, False, True, True]
-    assert not repeats.is_copy(numbered(ack(400), 7), 3.2)  # the number has gone round meanwhile
+    assert [is_copy(seq, now_s) for seq, now_s in heard] == [False, False, True, True]
+    assert not is_copy(7, 3.2)  # the number has gone round meanwhile
     assert len(repeats._heard_s) == 1
 
 
@@ -183,7 +200,7 @@ async def test_heartbeats_of_one_number_are_all_heard(bench: LinkBench) -> None:
 
 
 async def test_a_line_that_is_not_there_is_told_once_and_once_more_when_it_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, device: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(link, "REOPEN_S", 0.01)
@@ -196,26 +213,19 @@ async def test_a_line_that_is_not_there_is_told_once_and_once_more_when_it_is(
     monkeypatch.setattr(link, "open_transport", counted)
     line = tmp_path / "line"
     made = AutopilotLink(AutopilotAddress("serial", str(line), 57_600), 1, lambda: None, lambda _: None)
-    running = asyncio.create_task(made.run())
-    await eventually(lambda: len(tries) >= 3, "it tries again")
-    master, slave = os.openpty()
-    try:
-        line.symlink_to(os.ttyname(slave))
+    async with running(made):
+        await eventually(lambda: len(tries) >= 3, "it tries again")
+        line.symlink_to(device)
         await eventually(lambda: made._transport is not None, "it is open")
         missing, there = [record.message for record in caplog.records if "autopilot serial" in record.message]
         assert missing.endswith("; trying until it opens")
         assert "No such file or directory" in missing
         assert there == f"autopilot serial:{line}:57600: the link is open"
-    finally:
-        running.cancel()
-        await asyncio.wait({running})
-        os.close(master)
-        os.close(slave)
 
 
 @pytest.mark.parametrize("baud", [57_600, 123_456])
 async def test_a_device_that_vanishes_while_it_is_opened_is_opened_again(
-    baud: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    baud: int, device: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """pyserial does not turn each of the system's errors into its own."""
     caplog.set_level(logging.INFO)
@@ -239,19 +249,12 @@ async def test_a_device_that_vanishes_while_it_is_opened_is_opened_again(
     monkeypatch.setattr(serial.Serial, "_reset_input_buffer", vanishing(termios.error(errno.EIO, "Input/output error")))
     if baud != 57_600:
         monkeypatch.setattr(serial.Serial, "_set_special_baudrate", at_an_uncommon_rate)
-    theirs, ours = os.openpty()
-    made = AutopilotLink(AutopilotAddress("serial", os.ttyname(ours), baud), 1, lambda: None, lambda _: None)
-    running = asyncio.create_task(made.run())
-    try:
-        await eventually(lambda: running.done() or made._transport is not None, "it is open")
-        assert not running.done(), running
+    made = AutopilotLink(AutopilotAddress("serial", device, baud), 1, lambda: None, lambda _: None)
+    async with running(made) as task:
+        await eventually(lambda: task.done() or made._transport is not None, "it is open")
+        assert not task.done(), task
         assert gone == []
         assert caplog.text.count("Input/output error; trying until it opens") == 1
-    finally:
-        running.cancel()
-        await asyncio.wait({running})
-        os.close(theirs)
-        os.close(ours)
 
 
 async def test_an_address_that_comes_later_is_told_once_and_listened_at(
@@ -269,17 +272,13 @@ async def test_an_address_that_comes_later_is_told_once_and_listened_at(
 
     monkeypatch.setattr(link, "open_transport", later)
     made = AutopilotLink(AutopilotAddress("udp", "192.0.2.7", 14_550), 1, lambda: None, lambda _: None)
-    running = asyncio.create_task(made.run())
-    try:
-        await eventually(lambda: running.done() or made._transport is not None, "it listens")
-        assert not running.done(), running
+    async with running(made) as task:
+        await eventually(lambda: task.done() or made._transport is not None, "it listens")
+        assert not task.done(), task
         assert [record.message for record in caplog.records if "autopilot udp" in record.message] == [
             "autopilot udp:192.0.2.7:14550: Cannot assign requested address; trying until it opens",
             "autopilot udp:192.0.2.7:14550: the link is open",
         ]
-    finally:
-        running.cancel()
-        await asyncio.wait({running})
 
 
 async def test_an_address_that_cannot_be_is_one_line() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,18 +20,6 @@ from mqttxt.station.outcomes import Outcome, PsmiList, last_word
 TARGET = Goto(47.4, 8.5, 20)
 
 
-class Commands:
-    def __init__(self) -> None:
-        self.overriding_seq = -1
-
-
-class Choices:
-    """Each choice goes on as its test takes its events."""
-
-    def begin(self, choice: Any) -> Any:
-        return choice
-
-
 class Station:
     """A station and its fogs: each has drones with the seconds to arrive, and each drone has its words."""
 
@@ -40,8 +29,8 @@ class Station:
         self.fogs = fogs
         self.words = words
         self.station = self
-        self.commands = Commands()
-        self.choices = Choices()
+        self.commands = SimpleNamespace(overriding_seq=-1)
+        self.choices = SimpleNamespace(begin=lambda choice: choice)
         self.clock = SessionClock()
         self.reserved: dict[int, tuple[int, int]] = {}
         self.tried: dict[int, set[int]] = {}
@@ -103,8 +92,13 @@ class Station:
         return PsmiList(fog, command_id, listed, (), chosen)
 
 
-async def choose(station: Station, ttl_s: float = 5.0) -> list[Any]:
-    return [event async for event in best([(station, fog) for fog in station.fogs], TARGET, ttl_s, None)]  # type: ignore[list-item]
+def choice(*stations: Station, ttl_s: float = 5.0, limit_s: float | None = None) -> SentCommand[Any, Any]:
+    """A choice across all fogs of these stations."""
+    return best([(one, fog) for one in stations for fog in one.fogs], TARGET, ttl_s, limit_s)  # type: ignore[misc]
+
+
+async def choose(*stations: Station, ttl_s: float = 5.0) -> list[Any]:
+    return [event async for event in choice(*stations, ttl_s=ttl_s)]
 
 
 FLEET = {1: {1: 10.0, 2: 30.0}, 2: {4: 20.0}}
@@ -129,7 +123,7 @@ async def test_behind_silence_and_anything_but_a_definite_no_nobody_else_is_sent
 
 async def test_who_is_reserved_elsewhere_is_released_as_soon_as_one_may_fly() -> None:
     station = Station(FLEET, {1: FLIES})
-    async for event in best([(station, 1), (station, 2)], TARGET, 5.0, None):  # type: ignore[arg-type]
+    async for event in choice(station):
         if isinstance(event, Outcome) and event.word is Word.ACCEPTED:
             assert station.reserved == {}
     assert station.sent == [1]
@@ -137,7 +131,7 @@ async def test_who_is_reserved_elsewhere_is_released_as_soon_as_one_may_fly() ->
 
 async def test_a_fog_that_is_gone_is_passed_over() -> None:
     station = Station(FLEET, {1: FLIES, 4: FLIES})
-    events = aiter(best([(station, 1), (station, 2)], TARGET, 5.0, None))  # type: ignore[arg-type]
+    events = aiter(choice(station))
     await anext(events)
     station.gone.add(1)
     heard = [event async for event in events]
@@ -157,7 +151,7 @@ async def test_a_hold_or_landing_of_the_same_station_ends_the_search() -> None:
 async def test_behind_a_hold_that_came_before_the_offers_nobody_is_sent() -> None:
     """R7.7: a hold while the fogs are asked is the newer command."""
     station = Station(FLEET, {1: FLIES, 4: FLIES})
-    events = aiter(best([(station, 1), (station, 2)], TARGET, 5.0, None))  # type: ignore[list-item]
+    events = aiter(choice(station))
     await anext(events)
     station.commands.overriding_seq = 7
     heard = [event async for event in events]
@@ -170,7 +164,7 @@ async def test_among_fleets_each_is_sent_its_own_drone_alone() -> None:
     """R2.4: offers of two fleets with the same numbers; the commit and every release go where the offer is from."""
     near = Station({1: {1: 10.0}}, {1: [Word.DENIED]})
     far = Station({1: {1: 20.0, 2: 30.0}}, {1: FLIES})
-    heard = [event async for event in best([(near, 1), (far, 1)], TARGET, 5.0, None)]  # type: ignore[list-item]
+    heard = await choose(near, far)
     assert (near.sent, far.sent) == ([1], [1])
     assert heard[-1].word is Word.COMPLETED
     assert near.reserved == far.reserved == {}
@@ -180,7 +174,7 @@ async def test_a_hold_in_any_fleet_of_a_choice_ends_it() -> None:
     near = Station({1: {1: 10.0}}, {1: [Word.DENIED]})
     far = Station({1: {1: 20.0}}, {1: FLIES})
     near.lands_behind = 1
-    heard = [event async for event in best([(far, 1), (near, 1)], TARGET, 5.0, None)]  # type: ignore[list-item]
+    heard = await choose(far, near)
     assert (near.sent, far.sent, heard[-1].reason) == ([1], [], "cancelled")
     assert near.reserved == far.reserved == {}
 
@@ -258,5 +252,5 @@ async def test_empty_lists_whose_denials_are_lost_are_an_answer_all_the_same() -
 async def test_a_limit_that_no_command_can_have_is_refused_before_any_fog_is_asked() -> None:
     station = Station(FLEET, {})
     with pytest.raises(ConfigurationError, match="limit 0 s: expected"):
-        best([(station, 1), (station, 2)], TARGET, 5.0, 0)  # type: ignore[list-item]
+        choice(station, limit_s=0)
     assert station.reserved == {}

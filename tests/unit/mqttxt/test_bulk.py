@@ -43,9 +43,12 @@ from tests.simulation.world import World
 SOME = os.urandom(5000)
 
 
+def asked(ask: Put) -> BulkAsk:
+    return BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=ask)
+
+
 def put(data: bytes, offset: int, hash: bytes | None = None) -> BulkAsk:
-    piece = data[offset : offset + PIECE_BYTES]
-    return BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(hash or hash_of(data), len(data), offset, piece))
+    return asked(Put(hash or hash_of(data), len(data), offset, data[offset : offset + PIECE_BYTES]))
 
 
 def pieces(data: bytes) -> list[BulkAsk]:
@@ -61,18 +64,18 @@ def answer(store: BulkStore, ask: BulkAsk, now_ms: int = 0) -> Any:
 
 
 def test_pieces_in_any_order_and_twice_make_the_object() -> None:
-    store, asked = BulkStore(), pieces(SOME) * 2
-    random.Random(1).shuffle(asked)
-    for ask in asked:
+    store, some = BulkStore(), pieces(SOME) * 2
+    random.Random(1).shuffle(some)
+    for ask in some:
         answer(store, ask)
     assert store.staged(hash_of(SOME)) == SOME
 
 
 def test_an_answer_says_which_ranges_are_there() -> None:
-    store, asked = BulkStore(), pieces(SOME)
-    assert answer(store, asked[0]).ranges == (Range(0, 512),)
-    assert answer(store, asked[2]).ranges == (Range(0, 512), Range(1024, 1536))
-    assert answer(store, asked[1]).ranges == (Range(0, 1536),)
+    store, some = BulkStore(), pieces(SOME)
+    assert answer(store, some[0]).ranges == (Range(0, 512),)
+    assert answer(store, some[2]).ranges == (Range(0, 512), Range(1024, 1536))
+    assert answer(store, some[1]).ranges == (Range(0, 1536),)
     assert store.staged(hash_of(SOME)) is None
 
 
@@ -80,12 +83,9 @@ def test_an_answer_says_which_ranges_are_there() -> None:
     ("asks", "reason"),
     [
         ([replace(put(SOME, 0), kind="nonsense")], "unknown_kind"),
-        ([BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(bytes(16), 70_000, 0, b"x"))], "too_long, 65536"),
-        ([BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(bytes(16), 10, 8, b"xyz"))], "inconsistent"),
-        (
-            [put(SOME, 0), BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(hash_of(SOME), 4999, 512, b"x"))],
-            "inconsistent",
-        ),
+        ([asked(Put(bytes(16), 70_000, 0, b"x"))], "too_long, 65536"),
+        ([asked(Put(bytes(16), 10, 8, b"xyz"))], "inconsistent"),
+        ([put(SOME, 0), asked(Put(hash_of(SOME), 4999, 512, b"x"))], "inconsistent"),
         ([put(b"short", 0, bytes(16))], "wrong_hash"),
     ],
 )

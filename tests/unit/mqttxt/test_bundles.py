@@ -29,6 +29,14 @@ from tests.simulation.world import UAV_SESSION, from_autopilot, heartbeat, posit
 from tests.simulation.world import ready as start
 
 
+@pytest.fixture
+def bench() -> ActivatorBench:
+    """An activator whose one station takes bundles and controls nothing."""
+    made = ready(controlled=False)
+    made.register(bundles=True, control=Control.NONE)
+    return made
+
+
 def bundles(effects: list[Any]) -> list[list[tuple[int, str]]]:
     found = [states_of(decode(FogBundle, publish.payload)) for publish in of(effects, "fog1/states")]
     return [[(drone, stamped.state.name) for drone, stamped in pairs] for pairs in found]
@@ -96,9 +104,7 @@ def test_topics_are_served_from_bundles() -> None:
     assert relayed.relay_stamp is not None
 
 
-def test_bundles_are_served_from_topics_and_states_wait_for_each_other() -> None:
-    bench = ready(controlled=False)
-    bench.register(bundles=True, control=Control.NONE)
+def test_bundles_are_served_from_topics_and_states_wait_for_each_other(bench: ActivatorBench) -> None:
     bench.until(bench.now_ms + 100)
     assert topics(bench.tell(Battery(50))) == []
     first = bundles(bench.until(bench.now_ms + 1000))
@@ -114,17 +120,15 @@ def test_bundles_are_served_from_topics_and_states_wait_for_each_other() -> None
     assert bundles(bench.until(bench.now_ms + 1000)) == [[(1, "armed")]]
 
 
-def test_a_text_is_in_no_bundle() -> None:
-    bench = ready(controlled=False)
-    bench.register(bundles=True, control=Control.NONE)
+def test_a_text_is_in_no_bundle(bench: ActivatorBench) -> None:
     bench.until(bench.now_ms + 100)
     assert topics(bench.tell(AutopilotText(Severity.INFO, "Ready"))) == ["fog1/drone1/state/text"]
     assert bundles(bench.until(bench.now_ms + 1500)) == []
 
 
-def test_no_value_of_a_state_that_comes_once_a_second_is_overtaken_whatever_the_clocks_drift() -> None:
-    bench = ready(controlled=False)
-    bench.register(bundles=True, control=Control.NONE)
+def test_no_value_of_a_state_that_comes_once_a_second_is_overtaken_whatever_the_clocks_drift(
+    bench: ActivatorBench,
+) -> None:
     told: list[Any] = []
     for value in range(28):
         told += bench.tell(Groundspeed(value))
@@ -134,18 +138,14 @@ def test_no_value_of_a_state_that_comes_once_a_second_is_overtaken_whatever_the_
     assert len(of(told, "fog1/states")) <= 30
 
 
-def test_values_that_a_link_held_up_and_brought_together_are_all_told() -> None:
-    bench = ready(controlled=False)
-    bench.register(bundles=True, control=Control.NONE)
+def test_values_that_a_link_held_up_and_brought_together_are_all_told(bench: ActivatorBench) -> None:
     bench.until(bench.now_ms + 3000)
     told = [effect for age_ms in (2000, 1000, 0) for effect in bench.state(age_ms // 100, bench.now_ms - age_ms)]
     told += bench.until(bench.now_ms + 1500)
     assert [state for state in heard(told) if isinstance(state, Battery)] == [Battery(20), Battery(10), Battery(0)]
 
 
-def test_a_value_that_left_early_with_something_urgent_overtakes_none() -> None:
-    bench = ready(controlled=False)
-    bench.register(bundles=True, control=Control.NONE)
+def test_a_value_that_left_early_with_something_urgent_overtakes_none(bench: ActivatorBench) -> None:
     told: list[Any] = []
     for pause_ms in (1000, 1000, 150, 1000, 1000):
         told += bench.tell(Groundspeed(bench.now_ms % 60_000 / 1000))
@@ -154,9 +154,7 @@ def test_a_value_that_left_early_with_something_urgent_overtakes_none() -> None:
     assert len([state for state in heard(told) if isinstance(state, Groundspeed)]) == 5
 
 
-def test_a_change_that_is_not_to_be_missed_is_told_although_the_next_came_at_once() -> None:
-    bench = ready(controlled=False)
-    bench.register(bundles=True, control=Control.NONE)
+def test_a_change_that_is_not_to_be_missed_is_told_although_the_next_came_at_once(bench: ActivatorBench) -> None:
     bench.until(bench.now_ms + 1000)
     told = bench.tell(Armed(True))
     bench.now_ms += 20
@@ -164,9 +162,7 @@ def test_a_change_that_is_not_to_be_missed_is_told_although_the_next_came_at_onc
     assert [state for state in heard(told) if isinstance(state, Armed)] == [Armed(True), Armed(False)]
 
 
-def test_of_a_state_that_comes_faster_than_bundles_leave_the_newest_counts() -> None:
-    bench = ready(controlled=False)
-    bench.register(bundles=True, control=Control.NONE)
+def test_of_a_state_that_comes_faster_than_bundles_leave_the_newest_counts(bench: ActivatorBench) -> None:
     bench.until(bench.now_ms + 1000)
     told: list[Any] = []
     for value in range(50):

@@ -111,6 +111,10 @@ ADVICE = "not encrypted; expected mqtts:// with --identity, or --insecure"
             "activator --fog 1 --cloud mqtt://127.0.0.1:1 --fog-broker mqtt://[::1] --second-fog-broker mqtt://127.0.0.1:1",
             "--second-fog-broker mqtt://127.0.0.1:1: is another option's address too; expected one of its own",
         ),
+        (
+            "activator --fog 1 --cloud mqtt://127.0.0.1:1 --fog-broker mqtt://127.0.0.1:2 --audit-required",
+            "--audit-required: expected --audit FILE beside it",
+        ),
         ("activator --fog 1 --cloud mqtt://127.0.0.1 --listen x", "--listen 'x': expected HOST:PORT"),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --fog-broker mqtt://127.0.0.1:1 --listen 127.0.0.1:2",

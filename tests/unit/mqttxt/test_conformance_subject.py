@@ -17,14 +17,19 @@ def subject(program: str, log: Path | None = None) -> Subject:
     return Subject(shlex.join([sys.executable, "-c", program.replace("{", "{{")]), {}, log)
 
 
+async def run(found: Subject, **changed: str) -> int | None:
+    """Start it and wait for its end; returns its exit code."""
+    await found.start(**changed)
+    return await found.ended()
+
+
 @pytest.mark.parametrize("is_logged", [True, False])
 async def test_how_it_ended_is_said_with_its_last_line(is_logged: bool, tmp_path: Path) -> None:
     log = tmp_path / "log" if is_logged else None
     if log is not None:
         log.write_text("of another run\n")
     found = subject(f"{SAYS}; sys.exit(2)", log)
-    await found.start()
-    assert await found.ended() == 2
+    assert await run(found) == 2
     said = "it ended with exit code 2: mqttxt: --drone 0: expected 1"
     assert found.why_silent("30 s") == said
     if log is not None:
@@ -38,15 +43,13 @@ async def test_what_an_earlier_start_said_is_not_said_again(is_logged: bool, tmp
     program = f"import pathlib, sys; f = pathlib.Path({str(flag)!r})\nif f.exists(): sys.exit(3)\nf.touch(); {SAYS}"
     found = subject(program, tmp_path / "log" if is_logged else None)
     for said in ("exit code 0: mqttxt: --drone 0: expected 1", "exit code 3"):
-        await found.start()
-        await found.ended()
+        await run(found)
         assert found.ending == said
 
 
 async def test_a_last_line_is_printable_and_bounded() -> None:
     found = subject(r"import sys; sys.stderr.write('\x1b[2J' + 1000 * 'x' + '\n\n')")
-    await found.start()
-    await found.ended()
+    await run(found)
     assert found.ending.startswith(r"exit code 0: \x1b[2Jxxx")
     assert len(found.ending) < 400
 
@@ -62,8 +65,7 @@ async def test_one_that_goes_on_is_waited_for() -> None:
 
 async def test_a_log_may_be_no_file() -> None:
     found = subject(SAYS, Path("/dev/null"))
-    await found.start()
-    await found.ended()
+    await run(found)
     assert found.ending == "exit code 0"
 
 
@@ -72,10 +74,8 @@ async def test_a_start_may_change_a_value_and_the_next_one_has_its_own_again(tmp
     line = shlex.join([sys.executable, "-c", "import sys; print(sys.argv[1])"]) + " {broker}"
     found = Subject(line, {"broker": "first", "audit": "file"}, log)
     assert (found.names("broker"), found.names("audit")) == (True, False)
-    await found.start(broker="other")
-    await found.ended()
-    await found.start()
-    await found.ended()
+    await run(found, broker="other")
+    await run(found)
     assert log.read_text().splitlines() == ["other", "first"]
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from ssl import PROTOCOL_TLS_SERVER, SSLContext, create_default_context
 from types import SimpleNamespace
@@ -43,11 +42,7 @@ from tests.rigs.mqtt_server import (
 from tests.rigs.processes import eventually
 
 ALIASES_10 = b"\x22\x00\x0a"
-
-
 PACKETS_OF_200 = b"\x27\x00\x00\x00\xc8"
-
-
 STATES = ("battery", "location", "heading", "groundspeed", "flight_mode")
 
 
@@ -141,19 +136,7 @@ async def test_connect_asks_for_a_clean_start_and_small_packets() -> None:
         assert properties == {0x11: 0, 0x27: 65_536, 0x21: 1000}
 
 
-async def test_no_more_is_in_flight_than_the_broker_takes() -> None:
-    async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, heard):
-        for number in range(5):
-            link.publish(state("armed", bytes([number]), qos=1, ref=number))
-        (session,) = server.sessions
-        for number in range(5):
-            await eventually(lambda n=number: len(session.of(PUBLISH)) == min(n + 2, 5), "two more")  # type: ignore[misc]
-            session.acknowledge(session.of(PUBLISH)[number].publish()[3])
-        await eventually(lambda: heard.acknowledged == [(number, 0) for number in range(5)], "all acknowledged")
-        assert [packet.publish()[2] for packet in session.of(PUBLISH)] == [bytes([n]) for n in range(5)]
-
-
-async def test_acknowledgements_of_what_was_not_sent_count_for_nothing() -> None:
+async def test_no_more_is_in_flight_than_the_broker_takes_whatever_else_it_acknowledges() -> None:
     async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, heard):
         for number in range(5):
             link.publish(state("armed", bytes([number]), qos=1, ref=number))
@@ -228,20 +211,14 @@ async def test_messages_acknowledged_by_hand_stay_unacknowledged_until_then() ->
         assert server.sessions[1].of(PUBACK) == []
 
 
-async def test_other_links_acknowledge_by_themselves() -> None:
-    async with Server() as server, linked(server) as (_, heard):
-        server.sessions[0].send(publish("drone1/commands", b"x", qos=1, mid=7))
-        await eventually(lambda: len(server.sessions[0].of(PUBACK)) == 1, "PUBACK")
-        assert heard.messages == [Inbound("drone1/commands", b"x", 1)]
-
-
-async def test_what_a_role_does_by_a_message_comes_before_its_puback() -> None:
+async def test_what_a_role_does_by_a_message_comes_before_the_puback_that_its_link_sends_by_itself() -> None:
     async with Server() as server, linked(server) as (link, heard):
         heard.on_received = lambda message: link.publish(state("armed", qos=1))
         server.sessions[0].send(publish("drone1/commands", b"x", qos=1, mid=7))
         await eventually(lambda: len(server.sessions[0].of(PUBACK)) == 1, "PUBACK")
         kinds = [packet.kind for packet in server.sessions[0].packets if packet.kind in (PUBLISH, PUBACK)]
         assert kinds == [PUBLISH, PUBACK]
+        assert heard.messages == [Inbound("drone1/commands", b"x", 1)]
 
 
 async def test_a_role_that_fails_on_a_message_hears_the_next_ones() -> None:
@@ -381,70 +358,76 @@ def test_a_client_id_is_a_secret_where_nodes_have_identities(tmp_path: Path) -> 
     assert kept._client_id == plain._client_id == "drone1"
 
 
-@contextmanager
-def certificate(folder: Path) -> Iterator[tuple[SSLContext, Path]]:
-    """A server's TLS context for localhost, and the file that vouches for it."""
-    key, chain = folder / "key.pem", folder / "chain.pem"
+def served_with(chain: Path, key: Path) -> SSLContext:
+    context = SSLContext(PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(chain, key)
+    return context
+
+
+@pytest.fixture
+def chain(tmp_path: Path) -> Path:
+    """The file that vouches for a server."""
+    return tmp_path / "chain.pem"
+
+
+@pytest.fixture
+def tls(tmp_path: Path, chain: Path) -> SSLContext:
+    """A server's TLS context for localhost."""
+    key = tmp_path / "key.pem"
     command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
     names = ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-days", "2"]
     subprocess.run([*command, *names, "-keyout", key, "-out", chain], check=True, capture_output=True)
-    context = SSLContext(PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(chain, key)
-    yield context, chain
+    return served_with(chain, key)
 
 
-async def test_tls_carries_bursts_in_both_directions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with certificate(tmp_path) as (context, chain):
-        monkeypatch.setenv("SSL_CERT_FILE", str(chain))
-        async with Server(tls=context) as server, linked(server, "mqtts") as (link, heard):
-            (session,) = server.sessions
-            session.send(b"".join(publish("drone1/commands", bytes([n])) for n in range(250)))
-            await eventually(lambda: len(heard.messages) == 250, "all of one record")
-            for name in STATES:
-                link.publish(state(name))
-            await eventually(lambda: len(session.of(PUBLISH)) == len(STATES), "all states")
+@pytest.fixture
+def trusted(tls: SSLContext, chain: Path, monkeypatch: pytest.MonkeyPatch) -> SSLContext:
+    """The same, which this process trusts."""
+    monkeypatch.setenv("SSL_CERT_FILE", str(chain))
+    return tls
 
 
-async def test_what_comes_in_tls_records_of_a_byte_is_heard_to_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with certificate(tmp_path) as (context, chain):
-        monkeypatch.setenv("SSL_CERT_FILE", str(chain))
-        async with Server(tls=context) as server, linked(server, "mqtts") as (_, heard):
-            (session,) = server.sessions
-            for byte in publish("drone1/commands", bytes(500)) + publish("drone1/commands", b"last"):
-                session.send(bytes([byte]))
-            session.end()
-            await eventually(lambda: heard.losses == 1, "ended")
-            assert [message.payload for message in heard.messages] == [bytes(500), b"last"]
+async def test_tls_carries_bursts_in_both_directions(trusted: SSLContext) -> None:
+    async with Server(tls=trusted) as server, linked(server, "mqtts") as (link, heard):
+        (session,) = server.sessions
+        session.send(b"".join(publish("drone1/commands", bytes([n])) for n in range(250)))
+        await eventually(lambda: len(heard.messages) == 250, "all of one record")
+        for name in STATES:
+            link.publish(state(name))
+        await eventually(lambda: len(session.of(PUBLISH)) == len(STATES), "all states")
 
 
-async def test_what_came_before_the_end_is_taken_where_both_are_read_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_comes_in_tls_records_of_a_byte_is_heard_to_the_end(trusted: SSLContext) -> None:
+    async with Server(tls=trusted) as server, linked(server, "mqtts") as (_, heard):
+        (session,) = server.sessions
+        for byte in publish("drone1/commands", bytes(500)) + publish("drone1/commands", b"last"):
+            session.send(bytes([byte]))
+        session.end()
+        await eventually(lambda: heard.losses == 1, "ended")
+        assert [message.payload for message in heard.messages] == [bytes(500), b"last"]
+
+
+async def test_what_came_before_the_end_is_taken_where_both_are_read_at_once(trusted: SSLContext) -> None:
     """By TLS the end comes with what was said before: acknowledgements, a message, why the connection ends."""
     taken_over = b"\xe0\x01\x8e"
-    with certificate(tmp_path) as (context, chain):
-        monkeypatch.setenv("SSL_CERT_FILE", str(chain))
-        async with Server(acknowledges=False, tls=context) as server, linked(server, "mqtts") as (link, heard):
-            (session,) = server.sessions
-            for number in range(3):
-                link.publish(state("armed", qos=1, ref=number))
-            await eventually(lambda: len(session.of(PUBLISH)) == 3, "three in flight")
-            mids = [packet.publish()[3] for packet in session.of(PUBLISH)]
-            acknowledged = b"".join(b"\x40\x02" + mid.to_bytes(2, "big") for mid in mids)
-            session.send(acknowledged + publish("drone1/commands", b"last", qos=1, mid=1) + taken_over)
-            session.end()
-            await eventually(lambda: heard.losses == 1, "ended")
-            assert heard.acknowledged == [(0, 0), (1, 0), (2, 0)]
-            assert [message.payload for message in heard.messages] == [b"last"]
+    async with Server(acknowledges=False, tls=trusted) as server, linked(server, "mqtts") as (link, heard):
+        (session,) = server.sessions
+        for number in range(3):
+            link.publish(state("armed", qos=1, ref=number))
+        await eventually(lambda: len(session.of(PUBLISH)) == 3, "three in flight")
+        mids = [packet.publish()[3] for packet in session.of(PUBLISH)]
+        acknowledged = b"".join(b"\x40\x02" + mid.to_bytes(2, "big") for mid in mids)
+        session.send(acknowledged + publish("drone1/commands", b"last", qos=1, mid=1) + taken_over)
+        session.end()
+        await eventually(lambda: heard.losses == 1, "ended")
+        assert heard.acknowledged == [(0, 0), (1, 0), (2, 0)]
+        assert [message.payload for message in heard.messages] == [b"last"]
 
 
-async def test_a_station_trusts_whom_its_own_context_trusts(tmp_path: Path) -> None:
-    with certificate(tmp_path) as (context, chain):
-        own = create_default_context(cafile=str(chain))
-        async with Server(tls=context) as server, GroundStation(f"mqtts://localhost:{server.port}", ssl_context=own):
-            await eventually(lambda: len(server.sessions) == 1, "connected")
+async def test_a_station_trusts_whom_its_own_context_trusts(tls: SSLContext, chain: Path) -> None:
+    own = create_default_context(cafile=str(chain))
+    async with Server(tls=tls) as server, GroundStation(f"mqtts://localhost:{server.port}", ssl_context=own):
+        await eventually(lambda: len(server.sessions) == 1, "connected")
 
 
 def test_a_context_without_tls_is_refused() -> None:
@@ -453,25 +436,23 @@ def test_a_context_without_tls_is_refused() -> None:
 
 
 async def test_a_certificate_that_nobody_vouches_for_is_not_talked_to(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tls: SSLContext, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "mqttxt.mqtt")
-    with certificate(tmp_path) as (context, _):
-        async with Server(tls=context) as server:
-            heard = Heard()
-            link = MqttLink("fog", BrokerAddress("localhost", server.port, tls=True), "client-1", None, heard)
-            running = asyncio.create_task(link.run())
-            await eventually(lambda: "certificate" in caplog.text, "a reason in the log")
-            assert (heard.connections, server.sessions, running.done()) == (0, [], False)
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
+    async with Server(tls=tls) as server:
+        heard = Heard()
+        link = MqttLink("fog", BrokerAddress("localhost", server.port, tls=True), "client-1", None, heard)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: "certificate" in caplog.text, "a reason in the log")
+        assert (heard.connections, server.sessions, running.done()) == (0, [], False)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
 
 
 async def test_a_connection_to_a_broker_that_is_revoked_by_now_is_given_up(tmp_path: Path) -> None:
     acme = Authority.create(tmp_path / "acme", "acme")
     broker, identity = acme.issue("broker-cloud"), Identity.load(acme.issue("drone1"))
-    context = SSLContext(PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(broker / "certificate.pem", broker / "identity.pem")
+    context = served_with(broker / "certificate.pem", broker / "identity.pem")
     async with Server(tls=context) as server, linked(server, "mqtts", identity=identity) as (link, heard):
         link.check_broker()
         assert heard.losses == 0
@@ -487,8 +468,7 @@ async def test_a_connection_to_a_broker_that_is_revoked_by_now_is_given_up(tmp_p
 async def test_a_broker_that_does_not_show_the_list_is_named(tmp_path: Path) -> None:
     acme = Authority.create(tmp_path / "acme", "acme")
     broker, own = acme.issue("broker-cloud"), acme.issue("gs-ops", Rights(observe=True))
-    context = SSLContext(PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(broker / "certificate.pem", broker / "identity.pem")
+    context = served_with(broker / "certificate.pem", broker / "identity.pem")
     async with Server(tls=context) as server:
         async with GroundStation(f"mqtts://localhost:{server.port}", identity=own) as station:
             with pytest.raises(FogUnreachable, match=r"does not show the revocation list.*`mqttxt broker`.*waited 2 s"):

@@ -37,11 +37,8 @@ def lease(effects: list[Any]) -> DroneLease:
 def test_who_controls_a_drone_is_in_its_record_and_in_its_lease() -> None:
     bench = ready(controlled=False)
     effects = bench.register()
-    assert (record(effects).holder, record(effects).holder_session, record(effects).epoch) == (
-        "alpha",
-        GS_SESSION,
-        None,
-    )
+    shown = record(effects)
+    assert (shown.holder, shown.holder_session, shown.epoch) == ("alpha", GS_SESSION, None)
     handed = lease(effects)
     assert handed.holder_session == GS_SESSION
     assert handed.deadline_ms is not None
@@ -160,6 +157,14 @@ def test_an_old_lease_of_the_same_activator_changes_nothing_and_a_new_activator_
 # The ground station
 
 
+def record_of(holder_session: int | None = GS_SESSION, holder: str = "alpha", epoch: int | None = None) -> DroneRecord:
+    """What the activator of the station's fog shows of a drone that this session controls, None: nobody."""
+    name = None if holder_session is None else holder
+    return DroneRecord(
+        activator_session=FOG, up=True, drone_session=5, holder=name, holder_session=holder_session, epoch=epoch
+    )
+
+
 def registrations(effects: list[Any]) -> list[Registration]:
     return [decode(Registration, publish.payload) for publish in of(effects, "fog1/init_connect")]
 
@@ -177,10 +182,7 @@ def test_a_station_asks_for_control_and_a_watcher_does_not() -> None:
 
 def test_a_takeover_names_the_epoch_that_was_seen_and_is_asked_for_once() -> None:
     bench = StationBench()
-    bench.hear(
-        "drone1/reachable",
-        DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="x", holder_session=8, epoch=4),
-    )
+    bench.hear("drone1/reachable", record_of(8, "x", epoch=4))
     (taken,) = registrations(bench.role.take_over(1, (1,), bench.now_ms))
     assert (taken.control, taken.epoch, taken.drones) == (Control.TAKE, 4, (1,))
     (renewal,) = registrations(bench.until(bench.now_ms + 10_100))
@@ -233,16 +235,11 @@ def test_a_claimed_drone_is_controlled_until_it_is_released(signed: bool) -> Non
     assert not world.uav.is_controlled(world.now_ms)
 
 
-def own_record(holder_session: int | None = GS_SESSION) -> DroneRecord:
-    holder = None if holder_session is None else "alpha"
-    return DroneRecord(activator_session=FOG, up=True, drone_session=5, holder=holder, holder_session=holder_session)
-
-
 def given_up() -> StationBench:
     """A station that has given up drone 1 a moment ago: the activator's record still names it."""
     bench = StationBench(control=False)
     bench.confirm(bench.role.claim(1, 1, True, bench.now_ms))
-    bench.hear("drone1/reachable", own_record())
+    bench.hear("drone1/reachable", record_of())
     assert bench.role.fogs[1].controls(1)
     bench.role.claim(1, 1, False, bench.now_ms)
     return bench
@@ -253,9 +250,9 @@ def test_what_is_given_up_is_not_controlled_while_the_activators_word_is_older()
     assert not bench.role.fogs[1].controls(1)
     bench.role.claim(1, 1, True, bench.now_ms)
     assert not bench.role.fogs[1].controls(1)
-    bench.hear("drone1/reachable", own_record(None))
+    bench.hear("drone1/reachable", record_of(None))
     assert not bench.role.fogs[1].controls(1)
-    bench.hear("drone1/reachable", own_record())
+    bench.hear("drone1/reachable", record_of())
     assert bench.role.fogs[1].controls(1)
 
 
@@ -268,7 +265,7 @@ def test_a_claim_anew_counts_once_it_is_answered_where_nothing_has_changed_for_t
 def test_the_answer_to_giving_up_is_not_that_to_a_claim() -> None:
     bench = StationBench(control=False)
     bench.confirm(bench.role.claim(1, 1, True, bench.now_ms))
-    bench.hear("drone1/reachable", own_record())
+    bench.hear("drone1/reachable", record_of())
     ended = bench.role.claim(1, 1, False, bench.now_ms)
     wanted = bench.role.claim(1, 1, True, bench.now_ms)
     bench.confirm(ended)
@@ -279,11 +276,8 @@ def test_the_answer_to_giving_up_is_not_that_to_a_claim() -> None:
 
 def test_commands_carry_the_newest_epoch_of_their_fog() -> None:
     bench = StationBench()
-    (changed,) = bench.hear(
-        "drone1/reachable",
-        DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="a", holder_session=GS_SESSION, epoch=4),
-    )
-    assert changed == ControlChanged(1, 1, "a", True, 4)
+    (changed,) = bench.hear("drone1/reachable", record_of(epoch=4))
+    assert changed == ControlChanged(1, 1, "alpha", True, 4)
     _, effects = bench.role.commands.send(bench.role.fog(1), 1, Arm(), bench.now_ms)
     (publish,) = [e for e in effects if isinstance(e, Publish)]
     assert decode(CommandMessage, publish.payload).epoch == 4
@@ -291,18 +285,8 @@ def test_commands_carry_the_newest_epoch_of_their_fog() -> None:
 
 def test_a_station_with_an_open_offboard_command_renews_every_second() -> None:
     bench = StationBench()
-    own = DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="alpha", holder_session=GS_SESSION)
-    bench.hear("drone1/reachable", own)
+    bench.hear("drone1/reachable", record_of())
     assert len(registrations(bench.until(bench.now_ms + 3000))) == 0
     offboard = Offboard(1.0, velocity=Velocity(1, 0, 0))
     bench.role.commands.send(bench.role.fog(1), 1, offboard, bench.now_ms)
     assert 3 <= len(registrations(bench.until(bench.now_ms + 3500))) <= 4
-
-
-def test_all_roles_together_put_a_registered_station_in_control() -> None:
-    world = World().start()
-    assert world.gs.fogs[1].controls(1)
-    assert world.uav.is_controlled(world.now_ms)
-    holder = world.activator.leases.holder(1)
-    assert holder is not None
-    assert holder.key == ("g", GS_SESSION)

@@ -20,6 +20,7 @@ from mqttxt.demo.process import Demo
 from mqttxt.errors import PartEnded
 from sitl.fleet import load
 from tests.rigs.processes import eventually
+from tests.unit.mqttxt.test_embedded_broker_process import made, runs
 
 
 @pytest.mark.parametrize(
@@ -50,21 +51,20 @@ def test_mosquitto_is_found_where_packages_put_it(monkeypatch: pytest.MonkeyPatc
     assert mosquitto.find() == str(program)
 
 
-def test_without_the_stand_in_it_says_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+@pytest.mark.parametrize(
+    ("missing", "said"),
+    [
+        (
+            "sitl",
+            "expected the autopilot stand-in (mqttxt-sitl): in a clone of the repository, pip install ./services/sitl",
+        ),
+        ("aiohttp", "expected aiohttp, for the page: pip install 'mqttxt[demo]'"),
+    ],
+)
+def test_without_a_package_it_says_what_installs_it(monkeypatch: pytest.MonkeyPatch, missing: str, said: str) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else name)
     done = CliRunner().invoke(app, ["demo"])
-    assert done.exit_code == 2
-    assert done.stderr == (
-        "mqttxt: demo: expected the autopilot stand-in (mqttxt-sitl): in a clone of the repository, "
-        "pip install ./services/sitl\n"
-    )
-
-
-def test_without_the_library_of_the_page_it_says_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "aiohttp" else name)
-    done = CliRunner().invoke(app, ["demo"])
-    assert done.exit_code == 2
-    assert done.stderr == "mqttxt: demo: expected aiohttp, for the page: pip install 'mqttxt[demo]'\n"
+    assert (done.exit_code, done.stderr) == (2, f"mqttxt: demo: {said}\n")
 
 
 def test_without_a_browser_it_does_not_open_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,17 +107,16 @@ def test_the_stand_in_takes_the_fleet(tmp_path: Path) -> None:
 
 
 async def test_a_cloud_broker_that_loses_its_port_to_another_takes_the_next(tmp_path: Path) -> None:
-    broker = tmp_path / "mosquitto"
-    broker.write_text(
-        f"#!/bin/sh\ncp $2 {tmp_path}/conf\n"
+    broker = script(
+        tmp_path,
+        f"cp $2 {tmp_path}/conf\n"
         f"[ -e {tmp_path}/lost ] || {{ touch {tmp_path}/lost; echo 'Error: Address already in use'; exit 1; }}\n"
-        "echo 'mosquitto version 2.0.21 running'\nexec sleep 600\n"
+        "echo 'mosquitto version 2.0.21 running'\nexec sleep 600",
     )
-    broker.chmod(0o755)
     demo = Demo(print)
     demo._ports = iter([15_001, 15_002])
     try:
-        assert await demo._start_cloud(str(broker), tmp_path) == "mqtt://127.0.0.1:15002"
+        assert await demo._start_cloud(broker, tmp_path) == "mqtt://127.0.0.1:15002"
         assert "listener 15002 127.0.0.1\n" in (tmp_path / "conf").read_text()
     finally:
         await demo._end()
@@ -126,7 +125,7 @@ async def test_a_cloud_broker_that_loses_its_port_to_another_takes_the_next(tmp_
 async def test_a_cloud_broker_that_cannot_run_is_named_with_its_words(tmp_path: Path) -> None:
     demo = Demo(print)
     with pytest.raises(PartEnded, match=r"^the cloud broker ended with code 2; its last words: .*cannot"):
-        await demo._start_cloud(made(tmp_path, 'echo "cannot read $2"; exit 2'), tmp_path)
+        await demo._start_cloud(script(tmp_path, 'echo "cannot read $2"; exit 2'), tmp_path)
 
 
 async def test_a_part_is_ended_with_what_it_started_though_neither_listens(
@@ -135,19 +134,19 @@ async def test_a_part_is_ended_with_what_it_started_though_neither_listens(
     monkeypatch.setattr(parts, "END_S", 0.05)
     child = "trap '' TERM; echo $$ > child; while :; do sleep 600; done"
     part = Part(
-        "a part", [made(tmp_path, f"trap '' TERM; sh -c \"{child}\" & wait; wait".replace("$$", r"\$\$"))], print
+        "a part", [script(tmp_path, f"trap '' TERM; sh -c \"{child}\" & wait; wait".replace("$$", r"\$\$"))], print
     )
     await part.start(tmp_path)
     told = tmp_path / "child"
     await eventually(lambda: told.exists() and told.read_text().strip(), "its child runs")
     await part.end()
-    await eventually(lambda: not _runs(int(told.read_text())), "its child has ended, too")
+    await eventually(lambda: not runs(int(told.read_text())), "its child has ended, too")
     assert str(part.last_words()) == "a part was ended by SIGKILL; its last words: none"
 
 
 async def test_the_last_words_of_a_part_are_its_newest_lines(tmp_path: Path) -> None:
     heard: list[str] = []
-    part = Part("a part", [made(tmp_path, "for i in 1 2 3 4 5 6 7; do echo line $i >&2; done; exit 3")], heard.append)
+    part = Part("a part", [script(tmp_path, "for i in 1 2 3 4 5 6 7; do echo line $i >&2; done; exit 3")], heard.append)
     await part.start(tmp_path)
     await part.ended
     assert heard == [f"line {number}" for number in range(1, 8)]
@@ -155,18 +154,6 @@ async def test_the_last_words_of_a_part_are_its_newest_lines(tmp_path: Path) -> 
     assert str(part.last_words()) == f"a part ended with code 3; its last words: {newest}"
 
 
-def made(folder: Path, script: str) -> str:
+def script(folder: Path, lines: str) -> str:
     """A program of these lines of shell."""
-    path = folder / "program"
-    path.write_text(f"#!/bin/sh\n{script}\n")
-    path.chmod(0o755)
-    return str(path)
-
-
-def _runs(pid: int) -> bool:
-    """Whether a process is there and not a zombie."""
-    stat = Path(f"/proc/{pid}/stat")
-    try:
-        return stat.read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
+    return str(made(folder, f"#!/bin/sh\n{lines}\n"))

@@ -42,6 +42,14 @@ time.sleep(600)
 NOBODY = 65534
 
 
+def made(folder: Path, text: str) -> Path:
+    """A program in the place of Mosquitto's."""
+    path = folder / "mosquitto"
+    path.write_text(text)
+    path.chmod(0o755)
+    return path
+
+
 def runs(pid: int) -> bool:
     """Whether a process is there and not a zombie."""
     try:
@@ -71,9 +79,7 @@ def ends_with(role: subprocess.Popen[bytes], broker: int) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="prctl(2) is Linux's")
 def test_the_broker_of_a_killed_role_does_not_live_on_and_hold_its_port(tmp_path: Path) -> None:
     told = tmp_path / "pid"
-    program = tmp_path / "mosquitto"
-    program.write_text(f"#!/bin/sh\necho $$ > {told}\nexec sleep 600\n")
-    program.chmod(0o755)
+    program = made(tmp_path, f"#!/bin/sh\necho $$ > {told}\nexec sleep 600\n")
     with running(str(program), "18830") as role:
         wait_until(lambda: told.exists() and told.read_text().strip(), "the broker runs")
         broker = int(told.read_text())
@@ -86,9 +92,7 @@ def test_the_broker_of_a_killed_role_does_not_live_on_and_hold_its_port(tmp_path
 def test_roots_broker_that_becomes_another_user_ends_with_a_killed_role(tmp_path: Path) -> None:
     """Changing its user rids it of the signal that its parent's end sends (prctl(2))."""
     told = tmp_path / "pid"
-    program = tmp_path / "mosquitto"
-    program.write_text(BECOMES_ANOTHER.format(python=sys.executable, other=NOBODY, told=str(told)))
-    program.chmod(0o755)
+    program = made(tmp_path, BECOMES_ANOTHER.format(python=sys.executable, other=NOBODY, told=str(told)))
     with running(str(program), "18830") as role:
         wait_until(lambda: told.exists() and told.read_text(), "the broker runs")
         broker = int(told.read_text())
@@ -131,13 +135,12 @@ class Lives:
 
     def __init__(self, folder: Path, *lives: str) -> None:
         self._folder = folder
-        self.program = folder / "mosquitto"
         cases = "\n".join(f"{number}) {life} ;;" for number, life in enumerate(lives, 1))
-        self.program.write_text(
+        self.program = made(
+            folder,
             f"#!/bin/sh\necho life >> {folder}/lives\n"
-            f"case $(wc -l < {folder}/lives) in\n{cases}\n*) {self.RUNS}; exec sleep 600 ;;\nesac\n"
+            f"case $(wc -l < {folder}/lives) in\n{cases}\n*) {self.RUNS}; exec sleep 600 ;;\nesac\n",
         )
-        self.program.chmod(0o755)
 
     @property
     def begun(self) -> int:
@@ -158,33 +161,28 @@ class Lives:
             await asyncio.gather(running, return_exceptions=True)
 
 
-@pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(broker_module, "FIRST_PAUSE_S", 0.01)
     monkeypatch.setattr(broker_module, "LONGEST_PAUSE_S", 0.02)
 
 
-@pytest.mark.usefixtures("impatient")
-async def test_a_broker_that_dies_as_soon_as_it_runs_comes_back(tmp_path: Path) -> None:
-    await Lives(tmp_path, f"{Lives.RUNS}; {Lives.KILLED}").run(until=2)
+@pytest.mark.parametrize(
+    "lives",
+    [
+        (f"{Lives.RUNS}; {Lives.KILLED}",),
+        (f"{Lives.RUNS}; exit 1",),
+        (Lives.KILLED, Lives.KILLED),
+        (f"{Lives.RUNS}; {Lives.KILLED}", Lives.TAKEN, Lives.TAKEN),
+    ],
+    ids=["it dies", "it fails by itself", "it is killed before it runs", "something holds its port"],
+)
+async def test_a_broker_that_ends_as_soon_as_it_runs_or_before_comes_back(
+    tmp_path: Path, lives: tuple[str, ...]
+) -> None:
+    await Lives(tmp_path, *lives).run(until=len(lives) + 1)
 
 
-@pytest.mark.usefixtures("impatient")
-async def test_a_broker_that_fails_by_itself_as_soon_as_it_runs_comes_back(tmp_path: Path) -> None:
-    await Lives(tmp_path, f"{Lives.RUNS}; exit 1").run(until=2)
-
-
-@pytest.mark.usefixtures("impatient")
-async def test_a_broker_that_is_killed_before_it_runs_comes_back(tmp_path: Path) -> None:
-    await Lives(tmp_path, Lives.KILLED, Lives.KILLED).run(until=3)
-
-
-@pytest.mark.usefixtures("impatient")
-async def test_a_broker_that_ran_is_tried_again_while_something_holds_its_port(tmp_path: Path) -> None:
-    await Lives(tmp_path, f"{Lives.RUNS}; {Lives.KILLED}", Lives.TAKEN, Lives.TAKEN).run(until=4)
-
-
-@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("fault", [errno.EAGAIN, errno.ENOMEM, errno.ENOENT])
 async def test_a_broker_that_ran_is_tried_again_while_no_process_can_be_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: int
@@ -203,7 +201,6 @@ async def test_a_broker_that_ran_is_tried_again_while_no_process_can_be_started(
     await lives.run(until=2)
 
 
-@pytest.mark.usefixtures("impatient")
 async def test_a_first_start_waits_for_room_for_a_process_and_for_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,7 +218,6 @@ async def test_a_first_start_waits_for_room_for_a_process_and_for_nothing_else(
         await Lives(tmp_path).run(until=2)
 
 
-@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("fault", [errno.EADDRINUSE, errno.EADDRNOTAVAIL])
 async def test_a_broker_that_waits_starts_once_its_address_is_there_and_free(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, fault: int
@@ -233,7 +229,6 @@ async def test_a_broker_that_waits_starts_once_its_address_is_there_and_free(
     ]
 
 
-@pytest.mark.usefixtures("impatient")
 async def test_a_broker_that_waits_waits_for_nothing_else(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"ended with code 1: 1: Error: Permission denied$"):
         await Lives(tmp_path, "echo '1: Error: Permission denied' >&2; exit 1").run(until=2, waits=True)
@@ -317,7 +312,6 @@ class NoRoom:
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("no_room", [NoRoom.for_a_folder, NoRoom.for_a_plain_file, NoRoom.for_an_identity])
 async def test_a_full_disk_ends_no_role_and_the_broker_starts_once_there_is_room(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, no_room: Callable[[NoRoom], None]

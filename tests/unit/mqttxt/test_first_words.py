@@ -38,6 +38,12 @@ class Bench:
         self.client.tick(0)
         self.desk = self.client.desk
 
+    def accepts(self, command: Command, seq: int = 1) -> Bench:
+        """Start a command, of which the executor says that it was accepted."""
+        self.command(command, seq)
+        assert self.says(Word.ACCEPTED, seq) == []
+        return self
+
     def command(self, command: Command, seq: int = 1, **changed: Any) -> list[Any]:
         message = command_payload(command, seq=seq, **changed)
         return on_disk(self.client, self.desk._on_command(message, False, 0), 0)
@@ -72,9 +78,7 @@ def test_a_first_word_leaves_alone_when_it_has_waited_long_enough(word: Word) ->
 
 
 def test_it_leaves_with_the_bundle() -> None:
-    bench = Bench()
-    bench.command(Arm())
-    bench.says(Word.ACCEPTED)
+    bench = Bench().accepts(Arm())
     bench.states(Armed(True))
     left = topics(bench.client.tick(100))
     assert left == ["drone1/commands_result/arm", BUNDLE]
@@ -82,26 +86,20 @@ def test_it_leaves_with_the_bundle() -> None:
 
 @pytest.mark.parametrize("word", [word for word in Word if word.is_last and not word.is_definite_no])
 def test_the_word_behind_it_leaves_in_its_place(word: Word) -> None:
-    bench = Bench()
-    bench.command(Arm())
-    bench.says(Word.ACCEPTED)
+    bench = Bench().accepts(Arm())
     assert bench.says(word) == [word]
     assert words(bench.client.tick(INTERVAL_MS)) == []
 
 
 def test_progress_takes_its_place_and_its_time_and_the_end_leaves_at_once() -> None:
-    bench = Bench()
-    bench.command(Land())
-    bench.says(Word.ACCEPTED)
+    bench = Bench().accepts(Land())
     assert bench.says(Word.IN_PROGRESS, percent=10, now_ms=500) == []
     assert words(bench.client.tick(INTERVAL_MS)) == [Word.IN_PROGRESS]
     assert bench.says(Word.COMPLETED, now_ms=INTERVAL_MS) == [Word.COMPLETED]
 
 
 def test_a_no_behind_it_is_no_definite_one_although_it_was_not_heard() -> None:
-    bench = Bench()
-    bench.command(Arm())
-    bench.says(Word.ACCEPTED)
+    bench = Bench().accepts(Arm())
     assert bench.says(Word.DENIED, reason="x") == [Word.UNCONFIRMED]
 
 
@@ -114,9 +112,7 @@ def test_without_bundles_and_with_a_late_write_nothing_waits(bundles: bool, more
 
 def test_what_is_said_of_another_command_leaves_behind_it() -> None:
     bench = Bench()
-    for seq, command in ((1, Arm()), (2, Land()), (3, Hold())):
-        bench.command(command, seq)
-    assert bench.says(Word.ACCEPTED, 1) == bench.says(Word.ACCEPTED, 2) == []
+    bench.accepts(Arm(), 1).accepts(Land(), 2).command(Hold(), 3)
     out = bench.desk.carry_out([Said(CommandId(GS_SESSION, 3), Word.FAILED, "x")], 0)
     assert [(said.seq, said.word) for said in results(out)] == [
         (1, Word.ACCEPTED),
@@ -129,16 +125,12 @@ def test_what_is_said_of_another_command_leaves_behind_it() -> None:
 @pytest.mark.parametrize("changed", [{"seq": 1, "command": Hold()}, {"seq": 2, "deadline_ms": 90_000}])
 def test_a_denial_does_not_overtake_it(changed: dict[str, Any]) -> None:
     """An id in conflict, above all: its denial in front of `accepted` would be a definite no."""
-    bench = Bench()
-    bench.command(Arm())
-    bench.says(Word.ACCEPTED)
+    bench = Bench().accepts(Arm())
     assert words(bench.command(**{"command": Arm(), **changed})) == [Word.ACCEPTED, Word.DENIED]
 
 
 def test_a_duplicate_is_answered_with_it_once() -> None:
-    bench = Bench()
-    bench.command(Arm())
-    bench.says(Word.ACCEPTED)
+    bench = Bench().accepts(Arm())
     assert words(bench.command(Arm())) == [Word.ACCEPTED]
     assert words(bench.client.tick(INTERVAL_MS)) == []
     assert bench.says(Word.COMPLETED, now_ms=INTERVAL_MS) == [Word.COMPLETED]
@@ -155,16 +147,13 @@ def test_a_duplicate_that_is_not_answered_takes_nothing_from_it() -> None:
 
 
 def test_it_leaves_before_down_and_after_a_lost_connection() -> None:
-    bench = Bench()
-    bench.command(Arm())
-    bench.says(Word.ACCEPTED)
+    bench = Bench().accepts(Arm())
     bench.client.on_disconnected("fog", 0)
     assert words(bench.client.tick(INTERVAL_MS)) == []
     assert words(bench.desk.republish()) == []  # nothing is published before its birth
     bench.desk.may_publish = True
     assert words(bench.desk.republish()) == [Word.ACCEPTED]
-    bench.command(Land(), 2)
-    bench.says(Word.ACCEPTED, 2)
+    bench.accepts(Land(), 2)
     assert words(bench.client.goodbye(0))[:1] == [Word.ACCEPTED]
 
 

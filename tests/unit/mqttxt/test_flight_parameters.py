@@ -26,6 +26,7 @@ from sitl.personalities import PERSONALITIES
 from tests.simulation.flight import Flight
 from tests.simulation.signing import seal
 from tests.simulation.world import UAV_SESSION
+from tests.unit.mqttxt.test_flight_plans import last_word
 
 pytestmark = pytest.mark.long
 
@@ -67,8 +68,8 @@ class Setter(Flight):
         assert (fetching.is_over, fetching.error) == (True, None)
         return ParameterSet.unpacked(fetching.data, base) if fetching.data else None
 
-    def fetched(self) -> ParameterSet:
-        found = self.fetch()
+    def fetched(self, base: ParameterSet | None = None) -> ParameterSet:
+        found = self.fetch(base)
         assert found is not None
         return found
 
@@ -107,50 +108,37 @@ def test_the_set_has_every_parameter_with_its_type_and_value(flight: Setter) -> 
     assert OWN_ID[flight.like] in found.parameters
 
 
-def test_who_has_the_set_gets_one_message(flight: Setter) -> None:
+def test_who_has_the_set_gets_one_message_and_the_autopilot_is_not_read_again(flight: Setter) -> None:
     found = flight.fetched()
     flight.sent.clear()
+    flight.told.clear()
     assert flight.fetch(found) is None
     assert flight.answers() == [Unchanged(found.hash)]
+    assert flight.written("PARAM_REQUEST_LIST") == []
 
 
 def test_who_has_an_older_set_gets_what_has_changed(flight: Setter) -> None:
     before, name, value = flight.fetched(), WHOLE[flight.like], 75
     assert flight.outcome(SetParameter(name, value)) == (Word.COMPLETED, None)
     flight.sent.clear()
-    after = flight.fetch(before)
-    assert after is not None
+    after = flight.fetched(before)
     assert [one.name for one in after if one != before.parameters[one.name]] == [name]
     assert after.parameters[name].value == value
     assert sum(len(answer.data) for answer in flight.answers() if hasattr(answer, "data")) < 120
 
 
-def test_the_autopilot_is_read_once(flight: Setter) -> None:
+@pytest.mark.parametrize(
+    ("like", "after_s", "name", "value"),
+    [("ardupilot", 61, "WPNAV_SPEED", 444.0), ("px4", 2, "NAV_ACC_RAD", 3.5)],
+)
+def test_what_another_station_has_set_unheard_shows_in_px4s_hash_and_a_copter_is_read_again_after_a_minute(
+    like: str, after_s: float, name: str, value: float
+) -> None:
+    flight = Setter().begin(like)
     found = flight.fetched()
-    flight.told.clear()
-    flight.fetch(found)
-    assert flight.written("PARAM_REQUEST_LIST") == []
-
-
-def test_a_copter_is_read_again_after_a_minute() -> None:
-    flight = Setter().begin("ardupilot")
-    found = flight.fetched()
-    flight.fly(61)
-    flight.told.clear()
-    flight.there.set("WPNAV_SPEED", 444.0)  # by another station, and this drone did not hear of it
-    after = flight.fetch(found)
-    assert after is not None
-    assert after.parameters["WPNAV_SPEED"].value == 444
-
-
-def test_what_another_station_has_set_unheard_shows_in_px4s_hash() -> None:
-    flight = Setter().begin("px4")
-    found = flight.fetched()
-    flight.fly(2)
-    flight.there.set("NAV_ACC_RAD", 3.5)
-    after = flight.fetch(found)
-    assert after is not None
-    assert after.parameters["NAV_ACC_RAD"].value == 3.5
+    flight.fly(after_s)
+    flight.there.set(name, value)
+    assert flight.fetched(found).parameters[name].value == value
 
 
 def test_a_client_that_starts_anew_gives_what_has_changed_since(flight: Setter) -> None:
@@ -225,8 +213,7 @@ def test_a_value_out_of_its_documented_range_is_denied() -> None:
 def test_several_are_set_one_after_the_other(flight: Setter) -> None:
     sent = [flight.send(SetParameter(WHOLE[flight.like], value)) for value in (3, 4, 5)]
     flight.fly(5)
-    words = [flight.last_of(one) for one in sent]
-    assert [word.word for word in words if word is not None] == [Word.COMPLETED] * 3
+    assert [last_word(flight, one) for one in sent] == [(Word.COMPLETED, None)] * 3
     assert flight.there[WHOLE[flight.like]] == 5
 
 
@@ -237,9 +224,7 @@ def test_one_that_comes_late_is_not_written(flight: Setter) -> None:
     flight.fly(1.2)
     flight.vehicle.muted = set()
     flight.fly(3)
-    last = flight.last_of(sent)
-    assert last is not None
-    assert last.word is Word.EXPIRED
+    assert last_word(flight, sent) == (Word.EXPIRED, None)
     assert flight.there[name] == before
 
 
@@ -250,18 +235,14 @@ def test_where_nothing_is_read_back_nobody_knows(flight: Setter) -> None:
         flight.fly(0.02)
     flight.vehicle.muted = {"PARAM_VALUE"}
     flight.fly(20)
-    last = flight.last_of(sent)
-    assert last is not None
-    assert (last.word, last.reason) == (Word.UNCONFIRMED, "no_ack")
+    assert last_word(flight, sent) == (Word.UNCONFIRMED, "no_ack")
 
 
 def test_parameters_are_read_and_set_where_messages_are_signed() -> None:
     flight = Setter(signed=True).begin("px4")
     before = flight.fetched()
     assert flight.outcome(SetParameter("RTL_CONE_ANG", 30)) == (Word.COMPLETED, None)
-    after = flight.fetch(before)
-    assert after is not None
-    assert after.parameters["RTL_CONE_ANG"].value == 30
+    assert flight.fetched(before).parameters["RTL_CONE_ANG"].value == 30
 
 
 def test_without_the_right_a_parameter_is_read_and_not_set(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,12 +38,25 @@ def upload(flight: Flight, plan: PlanObject) -> tuple[Word, str | None]:
     return flight.outcome(UploadPlan(staging.hash))
 
 
-def fetch(flight: Flight) -> PlanObject:
+def fetched(flight: Flight, seconds: float = 5) -> Fetching:
+    """The end of a download of the plan."""
     fetching = Fetching(flight.gs.fog(1), 1, PLAN)
     flight.run("gs", flight.gs.transfers.begin(fetching, flight.now_ms))
-    flight.fly(5)
-    assert (fetching.is_over, fetching.error) == (True, None)
+    flight.fly(seconds)
+    assert fetching.is_over
+    return fetching
+
+
+def fetch(flight: Flight) -> PlanObject:
+    fetching = fetched(flight)
+    assert fetching.error is None
     return PlanObject.unpacked(fetching.data)
+
+
+def last_word(flight: Flight, sent: Any) -> tuple[Word, str | None] | None:
+    """The last word on a command and its reason, None before it."""
+    last = flight.last_of(sent)
+    return None if last is None else (last.word, last.reason)
 
 
 def mission_hash(plan: PlanObject) -> bytes:
@@ -81,9 +94,7 @@ def test_a_mission_is_paused_resumed_and_begun_elsewhere(flight: Flight) -> None
     started = flight.send(StartMission(mission_hash(plan), 1))
     flight.fly(20)
     assert flight.outcome(Pause()) == (Word.COMPLETED, None)
-    last = flight.last_of(started)
-    assert last is not None
-    assert last.word is Word.SUPERSEDED
+    assert last_word(flight, started) == (Word.SUPERSEDED, None)
     assert flight.outcome(Pause()) == (Word.DENIED, "not_in_mission")
     assert flight.outcome(SetCurrentItem(mission_hash(plan), 4)) == (Word.COMPLETED, None)
     assert flight.outcome(Resume(mission_hash(plan)), 200) == (Word.COMPLETED, None)

@@ -6,7 +6,7 @@ import contextlib
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+from itertools import chain, repeat
 from pathlib import Path
 
 import pytest
@@ -143,15 +143,9 @@ def test_what_was_said_to_be_recorded_is_there_whatever_failed_before_and_after(
     tmp_path_factory: pytest.TempPathFactory, records: list[tuple[int, str]], faults: list[str]
 ) -> None:
     path = tmp_path_factory.mktemp("faulty") / "journal"
-    answers = iter(faults)
-
-    def told() -> Iterator[str]:
-        while True:
-            yield next(answers, "")
-
     must_have: dict[int, set[Word | None]] = {}
     with pytest.MonkeyPatch.context() as patch:
-        faulty = FaultyDisk(told())
+        faulty = FaultyDisk(chain(faults, repeat("")))
         patch.setattr(journals, "os", faulty)
         patch.setattr(disks, "os", faulty)
         journal = JournalFile(path)

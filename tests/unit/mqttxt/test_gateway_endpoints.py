@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from mqttxt.errors import ConfigurationError
 from mqttxt.gateway.endpoints import MOST_CONNECTIONS, ClientAddress, Endpoints, Peer
 from mqttxt.gateway.texts import send_text
 from mqttxt.protocol.states import Severity
+from tests.rigs.loopback import eventually, free_port
 
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 255, 190))
 
@@ -26,16 +28,20 @@ class Heard:
             lambda peer, message: self.messages.append((peer.name, message)), lambda peer: self.gone.append(peer.name)
         )
 
-    async def until(self, condition: Any) -> None:
-        async with asyncio.timeout(10):
-            while not condition():
-                await asyncio.sleep(0.005)
+
+@pytest.fixture
+async def heard() -> AsyncIterator[Heard]:
+    made = Heard()
+    yield made
+    await made.endpoints.close()
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+@pytest.fixture
+async def port(heard: Heard) -> int:
+    """A TCP port that clients connect to."""
+    made = free_port()
+    await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", made)])
+    return made
 
 
 @pytest.mark.parametrize(
@@ -58,8 +64,8 @@ def test_another_machine_has_to_be_allowed() -> None:
         assert str(ClientAddress.parse(own, "udp", "--to", insecure=False)) == own
 
 
-async def test_a_udp_client_that_listens_is_shown_and_heard_and_nobody_else_is() -> None:
-    heard, port = Heard(), free_port(socket.SOCK_DGRAM)
+async def test_a_udp_client_that_listens_is_shown_and_heard_and_nobody_else_is(heard: Heard) -> None:
+    port = free_port(socket.SOCK_DGRAM)
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
@@ -77,59 +83,49 @@ async def test_a_udp_client_that_listens_is_shown_and_heard_and_nobody_else_is()
         assert (message.get_srcSystem(), message.get_srcComponent(), message.text) == (3, 1, "hello")
         stranger.sendto(HEARTBEAT, gateway)
         client.sendto(b"noise" + HEARTBEAT, gateway)
-        await heard.until(lambda: heard.messages)
+        await eventually(lambda: heard.messages, "a message")
         assert [(name, message.get_type()) for name, message in heard.messages] == [(peer.name, "HEARTBEAT")]
-        await heard.endpoints.close()
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-async def test_a_client_that_is_named_twice_is_one_line(host: str) -> None:
+async def test_a_client_that_is_named_twice_is_one_line(heard: Heard, host: str) -> None:
     """It would be taken for two, and each of its commands be heard twice."""
-    heard, port = Heard(), free_port(socket.SOCK_DGRAM)
+    port = free_port(socket.SOCK_DGRAM)
     first = ClientAddress("udp", socket.gethostbyname("localhost"), port)
     with pytest.raises(ConfigurationError, match=f"^--to udp:{host}:{port}: expected once, got twice"):
         await heard.endpoints.open([first, ClientAddress("udp", host, port)], [])
     assert len(heard.endpoints.peers) == 1
-    await heard.endpoints.close()
 
 
-async def test_tcp_clients_come_and_go() -> None:
-    heard, port = Heard(), free_port(socket.SOCK_STREAM)
-    await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])
+async def test_tcp_clients_come_and_go(heard: Heard, port: int) -> None:
     _, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.write(HEARTBEAT[:5])
     await writer.drain()
     writer.write(HEARTBEAT[5:] + b"noise" + HEARTBEAT)
-    await heard.until(lambda: heard.messages)
+    await eventually(lambda: heard.messages, "a message")
     (peer,) = heard.endpoints.peers
     writer.close()
-    await heard.until(lambda: heard.gone)
+    await eventually(lambda: heard.gone, "it is gone")
     assert heard.gone == [peer.name]
     assert heard.endpoints.peers == []
-    await heard.endpoints.close()
 
 
-async def test_a_browser_that_a_page_sends_here_is_not_heard() -> None:
+async def test_a_browser_that_a_page_sends_here_is_not_heard(heard: Heard, port: int) -> None:
     """A page of any site may make its browser post bytes to this machine, and nobody asks the gateway first."""
-    heard, port = Heard(), free_port(socket.SOCK_STREAM)
-    await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.write(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 21\r\n\r\n" + HEARTBEAT)
-    await heard.until(lambda: heard.gone)
+    await eventually(lambda: heard.gone, "it is gone")
     assert (heard.messages, heard.endpoints.peers) == ([], [])
     with contextlib.suppress(ConnectionError):
         assert await reader.read(1) == b""
     writer.transport.abort()
-    await heard.endpoints.close()
 
 
 @pytest.mark.long
-async def test_a_client_that_does_not_read_is_left_and_the_others_go_on() -> None:
-    heard, port = Heard(), free_port(socket.SOCK_STREAM)
-    await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])
+async def test_a_client_that_does_not_read_is_left_and_the_others_go_on(heard: Heard, port: int) -> None:
     _, writer = await asyncio.open_connection("127.0.0.1", port, limit=1)
     writer.transport.pause_reading()
-    await heard.until(lambda: heard.endpoints.peers)
+    await eventually(lambda: heard.endpoints.peers, "connected")
     (peer,) = heard.endpoints.peers
     async with asyncio.timeout(30):
         while not heard.gone:
@@ -137,38 +133,31 @@ async def test_a_client_that_does_not_read_is_left_and_the_others_go_on() -> Non
                 send_text(peer, 1, Severity.INFO, "x" * 50)
             await asyncio.sleep(0)
     writer.transport.abort()
-    await heard.endpoints.close()
 
 
-async def test_a_client_that_floods_does_not_keep_the_others_waiting() -> None:
+async def test_a_client_that_floods_does_not_keep_the_others_waiting(heard: Heard, port: int) -> None:
     """Reading one connection for long would be a stall of the gateway, which executes no client's commands then."""
-    heard, port = Heard(), free_port(socket.SOCK_STREAM)
-    await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])
     (_, flooder), (_, other) = [await asyncio.open_connection("127.0.0.1", port) for _ in range(2)]
-    await heard.until(lambda: len(heard.endpoints.peers) == 2)
+    await eventually(lambda: len(heard.endpoints.peers) == 2, "both connected")
     flooder.write(HEARTBEAT * 2500)
     other.write(HEARTBEAT)
     name = f"tcp:127.0.0.1:{other.get_extra_info('sockname')[1]}"
-    await heard.until(lambda: name in [peer for peer, _ in heard.messages])
+    await eventually(lambda: name in [peer for peer, _ in heard.messages], "the other one")
     assert [peer for peer, _ in heard.messages].index(name) < 500
     for writer in (flooder, other):
         writer.transport.abort()
-    await heard.endpoints.close()
 
 
-async def test_too_many_connections_are_refused() -> None:
-    heard, port = Heard(), free_port(socket.SOCK_STREAM)
-    await heard.endpoints.open([], [ClientAddress("tcp", "127.0.0.1", port)])
+async def test_too_many_connections_are_refused(heard: Heard, port: int) -> None:
     opened = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_CONNECTIONS)]
-    await heard.until(lambda: len(heard.endpoints.peers) == MOST_CONNECTIONS)
+    await eventually(lambda: len(heard.endpoints.peers) == MOST_CONNECTIONS, "all connected")
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    with pytest.raises(ConnectionError):
-        raise ConnectionResetError if await reader.read(1) == b"" else AssertionError
+    with contextlib.suppress(ConnectionError):
+        assert await reader.read(1) == b""
     assert len(heard.endpoints.peers) == MOST_CONNECTIONS
     for _, one in (*opened, (reader, writer)):
         one.transport.abort()
-    await heard.until(lambda: not heard.endpoints.peers)
-    await heard.endpoints.close()
+    await eventually(lambda: not heard.endpoints.peers, "all gone")
 
 
 async def test_an_address_that_is_taken_is_one_line() -> None:

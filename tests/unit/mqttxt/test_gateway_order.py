@@ -43,11 +43,9 @@ async def uploaded(bench: Bench, client: Client) -> None:
     ("older", "newer", "sent"), [(START, HOLD, Hold()), (ARM, DISARM, Disarm()), (START, LAND, Land())]
 )
 async def test_what_waited_for_a_plan_is_not_sent_behind_a_newer_command(
-    group: Any, older: Request, newer: Request, sent: Any
+    bench: Bench, client: Client, older: Request, newer: Request, sent: Any
 ) -> None:
     """The client's last HEARTBEATs were lost when it sends the newer one; the plan is there before the next one."""
-    bench = Bench(group)
-    client = bench.client()
     await uploaded(bench, client)
     await bench.ask(client, older)
     bench.pass_time(3100)
@@ -61,10 +59,10 @@ async def test_what_waited_for_a_plan_is_not_sent_behind_a_newer_command(
 
 
 @pytest.mark.parametrize("asked", [ARM, START])
-async def test_what_waited_for_a_plan_is_not_sent_after_the_gateway_stood_still(group: Any, asked: Request) -> None:
+async def test_what_waited_for_a_plan_is_not_sent_after_the_gateway_stood_still(
+    bench: Bench, client: Client, asked: Request
+) -> None:
     """The machine was suspended, for an hour maybe: client and drone go on as if nothing had been."""
-    bench = Bench(group)
-    client = bench.client()
     await uploaded(bench, client)
     await bench.ask(client, asked)
     bench.desk.on_stall()
@@ -77,9 +75,9 @@ async def test_what_waited_for_a_plan_is_not_sent_after_the_gateway_stood_still(
     assert len(bench.drone.commands) == 1
 
 
-async def test_what_waited_for_a_plan_is_not_sent_behind_a_newer_command_that_waited_for_control(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_what_waited_for_a_plan_is_not_sent_behind_a_newer_command_that_waited_for_control(
+    bench: Bench, client: Client
+) -> None:
     await uploaded(bench, client)
     await bench.ask(client, START)
     bench.drone.is_controlled = bench.drone.grants = False
@@ -92,10 +90,8 @@ async def test_what_waited_for_a_plan_is_not_sent_behind_a_newer_command_that_wa
     assert bench.acks()[-1] == (300, CANCELLED)
 
 
-async def test_a_start_behind_a_hold_waits_for_the_plan_on(group: Any) -> None:
+async def test_a_start_behind_a_hold_waits_for_the_plan_on(bench: Bench, client: Client) -> None:
     """It is newer than the hold, which is sent while it waits."""
-    bench = Bench(group)
-    client = bench.client()
     await uploaded(bench, client)
     bench.drone.is_controlled = bench.drone.grants = False
     await bench.ask(client, HOLD)
@@ -107,15 +103,21 @@ async def test_a_start_behind_a_hold_waits_for_the_plan_on(group: Any) -> None:
     assert [type(command) for command in bench.drone.commands] == [Hold, StartMission]
 
 
-async def test_an_older_goto_is_not_sent_behind_another_clients_hold(group: Any) -> None:
-    bench = Bench(group, take_over=True)
+async def behind_a_waiting_goto(bench: Bench, newer: Request) -> tuple[Client, Client]:
+    """A client's goto waits for its HEARTBEAT, and comes to its turn behind what a second client asks for."""
     first, second = bench.client(), bench.client("safety", 245)
     bench.pass_time(3100)
     beat(bench, second)
     await bench.ask(first, GOTO)
-    await bench.ask(second, HOLD)
+    await bench.ask(second, newer)
     beat(bench, first)
     await bench.settle()
+    return first, second
+
+
+async def test_an_older_goto_is_not_sent_behind_another_clients_hold(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    first, _ = await behind_a_waiting_goto(bench, HOLD)
     assert bench.drone.commands == [Hold()]
     assert bench.acks()[-1] == (192, CANCELLED)
     await bench.ask(first, LAND)
@@ -125,13 +127,7 @@ async def test_an_older_goto_is_not_sent_behind_another_clients_hold(group: Any)
 @pytest.mark.parametrize("newer", [TAKE, YAW])
 async def test_what_waits_does_not_take_the_drone_back_from_another_client(group: Any, newer: Request) -> None:
     bench = Bench(group, take_over=True)
-    first, second = bench.client(), bench.client("safety", 245)
-    bench.pass_time(3100)
-    beat(bench, second)
-    await bench.ask(first, GOTO)
-    await bench.ask(second, newer)
-    beat(bench, first)
-    await bench.settle()
+    _, second = await behind_a_waiting_goto(bench, newer)
     assert not any(isinstance(command, Goto) for command in bench.drone.commands)
     assert bench.clients.controllers[1] == second
 
@@ -172,10 +168,10 @@ async def test_a_setting_or_a_plan_that_waits_does_not_take_the_drone_back(group
     assert bench.texts()[-1].endswith("given up: another station took the drone")
 
 
-async def test_a_command_is_not_sent_if_a_station_takes_the_drone_while_control_is_awaited(group: Any) -> None:
-    bench = Bench(group)
+async def test_a_command_is_not_sent_if_a_station_takes_the_drone_while_control_is_awaited(
+    bench: Bench, client: Client
+) -> None:
     bench.drone.grants = False
-    client = bench.client()
     await bench.ask(client, GOTO)
     bench.desk.on_taken(1)
     bench.drone.is_controlled = True
@@ -219,8 +215,7 @@ async def test_a_repetition_without_a_number_is_not_executed_behind_another_clie
     assert [type(command) for command in bench.drone.commands] == [Goto, Hold]
 
 
-async def test_a_denied_command_does_not_make_a_repetition_new(group: Any) -> None:
-    bench = Bench(group)
+async def test_a_denied_command_does_not_make_a_repetition_new(bench: Bench) -> None:
     client, stranger = bench.client(), bench.client("stranger", 200)
     await bench.ask(client, GOTO)
     await bench.say(Word.ACCEPTED)
@@ -232,9 +227,7 @@ async def test_a_denied_command_does_not_make_a_repetition_new(group: Any) -> No
     assert len(bench.drone.commands) == 1
 
 
-async def test_a_command_that_is_meant_anew_can_be_repeated(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_command_that_is_meant_anew_can_be_repeated(bench: Bench, client: Client) -> None:
     for request in (HOLD, LAND, HOLD, HOLD):
         await bench.ask(client, request)
         await bench.say(Word.ACCEPTED)
@@ -253,26 +246,23 @@ async def test_a_repetition_does_not_take_the_drone_back_from_another_station(gr
     assert (len(bench.drone.commands), bench.drone.holder) == (1, "gs-ops")
 
 
-async def test_a_repetition_of_a_command_that_a_newer_one_of_its_number_replaced_is_not_executed(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_repetition_of_a_command_that_a_newer_one_of_its_number_replaced_is_not_executed(
+    bench: Bench, client: Client
+) -> None:
     await bench.ask(client, ARM)
     await bench.ask(client, DISARM)
     await bench.ask(client, ARM, confirmation=1)
     assert bench.drone.commands == [Arm(), Disarm()]
 
 
-async def test_a_client_that_always_sends_one_confirmation_numbers_no_repetitions(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_client_that_always_sends_one_confirmation_numbers_no_repetitions(bench: Bench, client: Client) -> None:
     for request in (HOLD, GOTO, HOLD):
         await bench.ask(client, request, confirmation=1)
         await bench.say(Word.ACCEPTED)
     assert [type(command) for command in bench.drone.commands] == [Hold, Goto, Hold]
 
 
-async def test_a_command_that_was_declined_here_can_be_tried_again_at_once(group: Any) -> None:
-    bench = Bench(group)
+async def test_a_command_that_was_declined_here_can_be_tried_again_at_once(bench: Bench) -> None:
     client, other = bench.client(), bench.client("script", 245)
     await bench.ask(other, LAND)
     await bench.ask(client, HOLD)
@@ -284,9 +274,7 @@ async def test_a_command_that_was_declined_here_can_be_tried_again_at_once(group
     assert bench.drone.commands == [Land(), Hold()]
 
 
-async def test_a_late_command_is_declined_and_a_late_repetition_is_answered(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_late_command_is_declined_and_a_late_repetition_is_answered(bench: Bench, client: Client) -> None:
     await bench.ask(client, LAND)
     await bench.ask(client, LAND, confirmation=1, is_late=True)
     await bench.ask(client, YAW, is_late=True)
@@ -298,8 +286,7 @@ async def test_a_late_command_is_declined_and_a_late_repetition_is_answered(grou
     assert bench.drone.commands == [Land(), Mavlink(115, YAW.params)]
 
 
-async def test_of_a_client_that_is_gone_nothing_is_sent_when_another_one_beats(group: Any) -> None:
-    bench = Bench(group)
+async def test_of_a_client_that_is_gone_nothing_is_sent_when_another_one_beats(bench: Bench) -> None:
     client, other = bench.client(), bench.client("script", 245)
     bench.pass_time(3100)
     await bench.ask(client, LAND)
@@ -309,10 +296,10 @@ async def test_of_a_client_that_is_gone_nothing_is_sent_when_another_one_beats(g
     assert bench.drone.commands == []
 
 
-async def test_a_client_that_numbers_its_repetitions_and_goes_on_is_not_obeyed_twice(group: Any) -> None:
+async def test_a_client_that_numbers_its_repetitions_and_goes_on_is_not_obeyed_twice(
+    bench: Bench, client: Client
+) -> None:
     """The drone may have armed, and nothing was acknowledged: the client has no reason to stop."""
-    bench = Bench(group)
-    client = bench.client()
     await bench.ask(client, ARM)
     await bench.say(Word.UNCONFIRMED)
     for confirmation in range(1, 30):
@@ -326,11 +313,9 @@ async def test_a_client_that_numbers_its_repetitions_and_goes_on_is_not_obeyed_t
     assert bench.drone.commands == [Arm(), Arm()]
 
 
-async def test_a_client_that_connects_anew_and_repeats_is_not_obeyed_twice(group: Any) -> None:
+async def test_a_client_that_connects_anew_and_repeats_is_not_obeyed_twice(bench: Bench, client: Client) -> None:
     """A mission that is flown would begin anew."""
-    bench = Bench(group)
     bench.states = (*bench.states, Mission(1, 0, 3, b"m" * 16))
-    client = bench.client()
     await bench.ask(client, START)
     bench.clients.on_gone(client.peer)
     again = bench.client("again")
@@ -343,9 +328,7 @@ async def test_a_client_that_connects_anew_and_repeats_is_not_obeyed_twice(group
     assert (len(bench.drone.commands), bench.of("COMMAND_ACK")) == (1, [])
 
 
-async def test_clients_that_share_an_id_do_not_repeat_each_others_commands(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_clients_that_share_an_id_do_not_repeat_each_others_commands(bench: Bench, client: Client) -> None:
     await bench.ask(client, LAND)
     await bench.ask(bench.client("other"), LAND, confirmation=1)
     await bench.say(Word.ACCEPTED)
@@ -353,11 +336,9 @@ async def test_clients_that_share_an_id_do_not_repeat_each_others_commands(group
     assert [ack.result for ack in bench.of("COMMAND_ACK", "other")] == [DENIED]
 
 
-async def test_ten_seconds_after_its_end_or_repetition_a_command_is_forgotten(group: Any) -> None:
+async def test_ten_seconds_after_its_end_or_repetition_a_command_is_forgotten(bench: Bench, client: Client) -> None:
     """The same one is new then, however it is numbered."""
-    bench = Bench(group)
     bench.states = (Airframe(PX4, 2), Armed(False))
-    client = bench.client()
     await bench.ask(client, ARM)
     await bench.say(Word.COMPLETED)
     bench.pass_time(10_000)

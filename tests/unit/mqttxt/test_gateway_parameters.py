@@ -80,10 +80,9 @@ async def test_the_list_begins_with_the_hash_of_what_is_shown_and_each_parameter
     assert struct.pack("<f", hash_.param_value) == struct.pack("<I", crc or 0)
 
 
-async def test_an_ardupilots_whole_numbers_are_numbers_and_it_has_no_hash(bench: Bench) -> None:
+async def test_an_ardupilots_whole_numbers_are_numbers_and_it_has_no_hash(bench: Bench, client: Client) -> None:
     bench.states = (Airframe(ARDUPILOT, 2), Armed(False))
     bench.drone.sets = [ParameterSet.of([Parameter("RTL_ALT", INT32, 1500), Parameter("WPNAV_SPEED", REAL32, 1000.0)])]
-    client = bench.client()
     await bench.send(client, LIST, read("_HASH_CHECK"))
     bench.pass_time(50)
     assert [(one.param_id, one.param_value) for one in values(bench)] == [
@@ -150,8 +149,7 @@ async def test_where_the_set_cannot_be_read_a_text_says_why_and_the_list_is_the_
     assert bench.texts()[1:] == ["parameters not read: drone 1: parameters: no_answer"]
 
 
-async def test_a_value_is_answered_only_once_it_was_read_back(bench: Bench) -> None:
-    client = bench.client()
+async def test_a_value_is_answered_only_once_it_was_read_back(bench: Bench, client: Client) -> None:
     await bench.send(client, LIST)
     bench.pass_time(50)
     seen = len(values(bench))
@@ -197,9 +195,8 @@ async def test_a_value_that_was_set_before_anything_was_read_has_no_number_of_pa
     ],
 )
 async def test_a_no_is_an_error_and_never_a_value(
-    bench: Bench, word: Word, reason: str | None, error: int | None
+    bench: Bench, word: Word, reason: str | None, error: int | None, client: Client
 ) -> None:
-    client = bench.client()
     await bench.send(client, LIST)
     bench.pass_time(50)
     seen = len(values(bench))
@@ -240,8 +237,7 @@ async def test_a_value_that_is_no_number_of_its_type_is_refused_at_once(bench: B
     assert (errors(bench), bench.drone.commands) == ([("MPC_XY_CRUISE", WRONG_VALUE)] * 2, [])
 
 
-async def test_the_takeoff_altitude_is_the_gateways_own(bench: Bench) -> None:
-    client = bench.client()
+async def test_the_takeoff_altitude_is_the_gateways_own(bench: Bench, client: Client) -> None:
     await bench.send(client, read("MIS_TAKEOFF_ALT"), set_("MIS_TAKEOFF_ALT", 25.0))
     assert [(one.param_value, one.param_index) for one in values(bench)] == [(10.0, 0), (25.0, 0)]
     await bench.send(client, set_("MIS_TAKEOFF_ALT", 0.1))
@@ -279,8 +275,7 @@ async def test_a_takeoff_altitude_that_is_set_is_shown_to_all_who_may_have_the_l
     assert [one.param_value for one in values(bench)] == [25.0, 30.0]
 
 
-async def test_a_client_that_asks_for_ever_is_not_kept_for_ever(bench: Bench) -> None:
-    client = bench.client()
+async def test_a_client_that_asks_for_ever_is_not_kept_for_ever(bench: Bench, client: Client) -> None:
     bench.drone.gate.clear()
     await bench.send(client, *(read("", place) for place in range(MOST_WAITING + 50)))
     bench.drone.gate.set()
@@ -328,11 +323,10 @@ async def test_a_value_that_is_set_while_the_set_is_read_is_not_lost_to_what_was
     assert bench.drone.known == [None, Parameters(bench.drone.sets[0])]
 
 
-async def test_no_list_that_is_under_way_has_a_value_from_before_a_set(bench: Bench) -> None:
+async def test_no_list_that_is_under_way_has_a_value_from_before_a_set(bench: Bench, client: Client) -> None:
     """Nor where the whole set is read once more meanwhile, and was given before the drone had the value."""
     content = ParameterSet.of(Parameter(f"P{number:04}", REAL32, number) for number in range(200))
     bench.drone.sets = [content, content, content.with_one(Parameter("P0150", REAL32, 7.0))]
-    client = bench.client()
     await bench.send(client, LIST)
     bench.pass_time(50)
     bench.drone.gate.clear()
@@ -364,8 +358,7 @@ async def test_a_set_that_changes_at_each_reading_is_answered_with_what_was_set_
     assert [one.param_value for one in values(bench)] == [6.0, 7.0, 8.0, 8.0]
 
 
-async def test_a_last_word_behind_that_of_a_later_value_changes_nothing(bench: Bench) -> None:
-    client = bench.client()
+async def test_a_last_word_behind_that_of_a_later_value_changes_nothing(bench: Bench, client: Client) -> None:
     await bench.send(client, LIST)
     bench.pass_time(50)
     seen = len(values(bench))
@@ -391,8 +384,7 @@ async def test_a_set_that_may_be_anothers_whenever_it_is_read_counts_for_one_ans
     assert len(readings) == 2 * READINGS
 
 
-async def test_a_drone_that_comes_back_as_another_autopilot_is_shown_as_that_one(bench: Bench) -> None:
-    client = bench.client()
+async def test_a_drone_that_comes_back_as_another_autopilot_is_shown_as_that_one(bench: Bench, client: Client) -> None:
     await bench.send(client, read("RTL_CONE_ANG"))
     bench.states = (Airframe(ARDUPILOT, 2), Armed(False))
     await bench.send(client, read("RTL_CONE_ANG"))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt import Airframe, Home, KnownState, State
+from mqttxt import Home
 from mqttxt.gateway.modes import ARDUPILOT, PX4
 from mqttxt.gateway.plan_items import (
     WrongItem,
@@ -21,19 +21,14 @@ from mqttxt.gateway.plan_items import (
     item_message,
     plan_list,
 )
-from mqttxt.gateway.telemetry import View
 from mqttxt.protocol.plans import PlanItem, PlanList
 from tests.examples import examples
+from tests.unit.mqttxt.test_gateway_translation import view
 
 NAN, INF = float("nan"), float("inf")
 X, Y = 473_977_420, 85_455_940
 INT_RELATIVE, INT_ABSOLUTE, NO_PLACE, TERRAIN = 6, 5, 2, 11
 INCLUSION, EXCLUSION, CIRCLE, BACK, RALLY = 5001, 5002, 5003, 5000, 5100
-
-
-def view(autopilot: int = PX4, *states: State) -> View:
-    known = (Airframe(autopilot, 2), *states)
-    return View(1, {state.name: KnownState(state, 0) for state in known}, 0)
 
 
 def sent(message: Any) -> Any:
@@ -127,7 +122,7 @@ def test_a_fence_of_several_shapes_is_taken() -> None:
 def test_jumps_lead_to_the_plans_item_and_back_to_the_clients() -> None:
     point, home = item_from(item_int(), PlanList.MISSION, 1), Home(47.0, 8.0, 488.0)
     for autopilot, target in ((PX4, 0.0), (ARDUPILOT, 1.0)):
-        known = view(autopilot, home)
+        known = view(home, autopilot=autopilot)
         before = home_items(PlanList.MISSION, known)
         jump = PlanItem(2, 177, (target, 3.0, 0.0, 0.0), 0, 0, 0.0, True)
         items = plan_list((point, jump), PlanList.MISSION, before)
@@ -149,7 +144,7 @@ def test_a_list_has_room_for_so_many() -> None:
 
 
 def test_an_empty_mission_has_no_home_in_front() -> None:
-    assert client_list((), PlanList.MISSION, view(ARDUPILOT)) == ()
+    assert client_list((), PlanList.MISSION, view(autopilot=ARDUPILOT)) == ()
 
 
 float_32 = st.floats(width=32, allow_infinity=False)

@@ -57,8 +57,7 @@ async def upload(bench: Bench, client: Client, items: int = 3, kind: int = 0, co
     await bench.send(client, count(items, kind), *(item(seq, kind, command) for seq in range(items)))
 
 
-async def test_a_plan_is_asked_for_item_by_item_and_accepted_when_the_drone_has_verified_it(group: Any) -> None:
-    bench = Bench(group)
+async def test_a_plan_is_asked_for_item_by_item_and_accepted_when_the_drone_has_verified_it(bench: Bench) -> None:
     await upload(bench, bench.client())
     assert (asked(bench), acks(bench)) == ([0, 1, 2], [])
     (plan, _), mission = bench.drone.uploads[0], tuple(map(of_plan, range(3)))
@@ -69,9 +68,8 @@ async def test_a_plan_is_asked_for_item_by_item_and_accepted_when_the_drone_has_
 
 
 async def test_a_plan_that_takes_long_is_accepted_after_a_second_and_a_text_says_when_the_drone_has_it(
-    group: Any,
+    bench: Bench,
 ) -> None:
-    bench = Bench(group)
     await upload(bench, bench.client())
     bench.pass_time(950)
     assert acks(bench) == []
@@ -93,10 +91,8 @@ async def test_a_plan_that_takes_long_is_accepted_after_a_second_and_a_text_says
     ],
 )
 async def test_the_drones_no_is_the_result_where_it_comes_in_time(
-    group: Any, word: Word, reason: str | None, result: int
+    bench: Bench, client: Client, word: Word, reason: str | None, result: int
 ) -> None:
-    bench = Bench(group)
-    client = bench.client()
     bench.copies.put(1, {PlanList.MISSION: OLD})
     await upload(bench, client)
     await bench.carry(word, reason=reason)
@@ -108,9 +104,9 @@ async def test_the_drones_no_is_the_result_where_it_comes_in_time(
 
 
 @pytest.mark.parametrize("request_", [ARM, START])
-async def test_arm_and_start_wait_for_the_drone_to_verify_the_plan(group: Any, request_: Request) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_arm_and_start_wait_for_the_drone_to_verify_the_plan(
+    bench: Bench, client: Client, request_: Request
+) -> None:
     await upload(bench, client)
     bench.pass_time(1100)
     await bench.ask(client, request_)
@@ -126,9 +122,9 @@ async def test_arm_and_start_wait_for_the_drone_to_verify_the_plan(group: Any, r
     assert bench.acks()[20:] == [(request_.mav_cmd, 0)]
 
 
-async def test_a_missions_mode_that_waits_for_the_plan_is_declined_before_its_client_gives_up(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_missions_mode_that_waits_for_the_plan_is_declined_before_its_client_gives_up(
+    bench: Bench, client: Client
+) -> None:
     await upload(bench, client)
     bench.pass_time(1100)
     await bench.ask(client, ENTER)
@@ -150,10 +146,8 @@ async def test_a_missions_mode_that_waits_for_the_plan_is_declined_before_its_cl
 
 @pytest.mark.parametrize("request_", [ARM, START])
 async def test_a_failed_upload_that_was_accepted_denies_arm_and_start_with_a_text(
-    group: Any, request_: Request
+    bench: Bench, client: Client, request_: Request
 ) -> None:
-    bench = Bench(group)
-    client = bench.client()
     await upload(bench, client)
     bench.pass_time(1100)
     await bench.ask(client, request_)
@@ -174,9 +168,7 @@ async def test_a_failed_upload_that_was_accepted_denies_arm_and_start_with_a_tex
     assert bench.drone.commands == [Arm() if request_ is ARM else StartMission(list_hash(OLD), 1)]
 
 
-async def test_another_list_that_arrives_makes_up_for_no_failed_one(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_another_list_that_arrives_makes_up_for_no_failed_one(bench: Bench, client: Client) -> None:
     await upload(bench, client)
     bench.pass_time(1100)
     await bench.carry(Word.FAILED, reason="mission item 2: unsupported")
@@ -193,9 +185,9 @@ async def test_another_list_that_arrives_makes_up_for_no_failed_one(group: Any) 
     assert bench.drone.commands == [Hold(), Arm()]
 
 
-async def test_what_waits_for_a_plan_is_given_up_for_a_hold_and_for_a_client_that_has_gone(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_what_waits_for_a_plan_is_given_up_for_a_hold_and_for_a_client_that_has_gone(
+    bench: Bench, client: Client
+) -> None:
     await upload(bench, client)
     await bench.ask(client, ARM)
     await bench.ask(client, HOLD)
@@ -209,9 +201,7 @@ async def test_what_waits_for_a_plan_is_given_up_for_a_hold_and_for_a_client_tha
     assert bench.drone.commands == [Hold()]
 
 
-async def test_three_lists_that_come_one_behind_the_other_are_carried_as_few(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_three_lists_that_come_one_behind_the_other_are_carried_as_few(bench: Bench, client: Client) -> None:
     await upload(bench, client)
     await upload(bench, client, 1, 2, 5100)
     await bench.send(client, clear(1))
@@ -223,9 +213,7 @@ async def test_three_lists_that_come_one_behind_the_other_are_carried_as_few(gro
     assert bench.copies.get(1, PlanList.FENCE) == ()
 
 
-async def test_all_lists_are_cleared_at_once_and_a_repetition_is_the_same(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_all_lists_are_cleared_at_once_and_a_repetition_is_the_same(bench: Bench, client: Client) -> None:
     await bench.send(client, clear(255), clear(0))
     lists = [plan.content.lists for plan, _ in bench.drone.uploads]
     await bench.carry(Word.COMPLETED)
@@ -238,30 +226,29 @@ async def test_all_lists_are_cleared_at_once_and_a_repetition_is_the_same(group:
 MEANT = list_hash(map(of_plan, range(2)))
 
 
-async def two_uploads(group: Any) -> tuple[Bench, Client]:
-    """A client's second mission, of two items, has come whole while its first, of three, is carried."""
-    bench = Bench(group)
-    client = bench.client()
+async def upload_two(bench: Bench, client: Client) -> None:
+    """A client's second mission, of two items, comes whole while its first, of three, is carried."""
     await upload(bench, client, 3)
     bench.pass_time(1100)
     await upload(bench, client, 2)
     bench.clients.on_heartbeat(client, bench.now_ms)
-    return bench, client
 
 
 @pytest.mark.parametrize("first", [Word.COMPLETED, Word.FAILED])
 async def test_a_start_means_the_mission_that_was_sent_last_whatever_becomes_of_the_one_before(
-    group: Any, first: Word
+    bench: Bench, client: Client, first: Word
 ) -> None:
-    bench, client = await two_uploads(group)
+    await upload_two(bench, client)
     await bench.carry(first, 0)
     await bench.ask(client, START)
     await bench.carry(Word.COMPLETED, 1)
     assert bench.drone.commands == [StartMission(MEANT, 1)]
 
 
-async def test_a_start_behind_a_mission_that_the_drone_does_not_take_flies_no_older_one(group: Any) -> None:
-    bench, client = await two_uploads(group)
+async def test_a_start_behind_a_mission_that_the_drone_does_not_take_flies_no_older_one(
+    bench: Bench, client: Client
+) -> None:
+    await upload_two(bench, client)
     await bench.carry(Word.COMPLETED, 0)
     await bench.ask(client, START)
     await bench.carry(Word.FAILED, 1, reason="mission item 2: unsupported")
@@ -269,9 +256,7 @@ async def test_a_start_behind_a_mission_that_the_drone_does_not_take_flies_no_ol
 
 
 @pytest.mark.parametrize("broken_at", range(3))
-async def test_an_upload_that_breaks_off_leaves_the_old_plan(group: Any, broken_at: int) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_an_upload_that_breaks_off_leaves_the_old_plan(bench: Bench, client: Client, broken_at: int) -> None:
     bench.copies.put(1, {PlanList.MISSION: OLD})
     await bench.send(client, count(3), *(item(seq) for seq in range(broken_at)))
     for _ in range(6):
@@ -285,9 +270,7 @@ async def test_an_upload_that_breaks_off_leaves_the_old_plan(group: Any, broken_
     assert bench.drone.uploads == []
 
 
-async def test_a_client_that_cancels_leaves_the_old_plan_until_all_is_sent(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_client_that_cancels_leaves_the_old_plan_until_all_is_sent(bench: Bench, client: Client) -> None:
     cancel = mavlink.MAVLink_mission_ack_message(1, 1, CANCELLED, 0)
     await bench.send(client, count(3), item(0), cancel, item(1), item(2))
     assert (bench.drone.uploads, acks(bench)) == ([], [(CANCELLED, 0)])
@@ -309,9 +292,9 @@ async def test_a_client_that_cancels_leaves_the_old_plan_until_all_is_sent(group
         ([mavlink.MAVLink_mission_write_partial_list_message(1, 1, 1, 2, 0)], 3, "upload the whole list"),
     ],
 )
-async def test_a_plan_with_a_mistake_is_refused_whole(group: Any, messages: list[Any], result: int, text: str) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_plan_with_a_mistake_is_refused_whole(
+    bench: Bench, client: Client, messages: list[Any], result: int, text: str
+) -> None:
     bench.copies.put(1, {PlanList.MISSION: OLD})
     await bench.send(client, *messages, item(2))
     assert [found for found, _ in acks(bench)] == [result]
@@ -319,24 +302,19 @@ async def test_a_plan_with_a_mistake_is_refused_whole(group: Any, messages: list
     assert (bench.drone.uploads, bench.copies.get(1, PlanList.MISSION)) == ([], OLD)
 
 
-async def test_items_that_were_not_asked_for_change_nothing(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_items_that_were_not_asked_for_change_nothing(bench: Bench, client: Client) -> None:
     await bench.send(client, item(0), count(3), count(3), item(1), item(0), item(0), item(2), item(1), item(2))
     assert asked(bench) == [0, 0, 1, 2]
     (plan, _) = bench.drone.uploads[0]
     assert plan.content.mission == tuple(map(of_plan, range(3)))
 
 
-async def test_a_client_that_begins_anew_uploads_what_it_sends_last(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_client_that_begins_anew_uploads_what_it_sends_last(bench: Bench, client: Client) -> None:
     await bench.send(client, count(3), item(0), count(2), item(0), item(1))
     assert [plan.content.mission for plan, _ in bench.drone.uploads] == [tuple(map(of_plan, range(2)))]
 
 
-async def test_of_two_clients_only_the_one_in_control_uploads(group: Any) -> None:
-    bench = Bench(group)
+async def test_of_two_clients_only_the_one_in_control_uploads(bench: Bench) -> None:
     first, second = bench.client(), bench.client("script", 245)
     await bench.send(first, count(2), item(0))
     await bench.send(second, count(1), item(0), item(1))
@@ -366,10 +344,10 @@ async def test_with_take_over_the_second_upload_ends_the_first(group: Any) -> No
     ]
 
 
-async def test_who_sends_no_heartbeats_uploads_nothing(group: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_sends_no_heartbeats_uploads_nothing(
+    bench: Bench, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("mqttxt.gateway.control.HEARTBEAT_S", 0.01)
-    bench = Bench(group)
-    client = bench.client()
     bench.now_ms += 10_000
     await bench.send(client, count(2))
     assert asked(bench) == []
@@ -380,9 +358,7 @@ async def test_who_sends_no_heartbeats_uploads_nothing(group: Any, monkeypatch: 
     assert "no HEARTBEAT" in bench.texts()[0]
 
 
-async def test_a_first_heartbeat_lets_the_upload_begin(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_first_heartbeat_lets_the_upload_begin(bench: Bench, client: Client) -> None:
     bench.now_ms += 10_000
     await bench.send(client, count(2), count(2))
     assert asked(bench) == []
@@ -391,8 +367,7 @@ async def test_a_first_heartbeat_lets_the_upload_begin(group: Any) -> None:
     assert asked(bench) == [0]
 
 
-async def test_a_drone_of_another_station_gets_no_plan(group: Any) -> None:
-    bench = Bench(group)
+async def test_a_drone_of_another_station_gets_no_plan(bench: Bench) -> None:
     bench.drone.holder = "other"
     await upload(bench, bench.client())
     assert (acks(bench), bench.drone.uploads) == ([(DENIED, 0)], [])
@@ -407,16 +382,13 @@ async def test_a_drone_of_another_station_gets_no_plan(group: Any) -> None:
         (TransferFailed("drone 1: plan: not within 300 s"), ERROR),
     ],
 )
-async def test_what_keeps_a_plan_from_being_carried_is_the_result(group: Any, error: Exception, result: int) -> None:
-    bench = Bench(group)
+async def test_what_keeps_a_plan_from_being_carried_is_the_result(bench: Bench, error: Exception, result: int) -> None:
     bench.drone.error = error
     await upload(bench, bench.client())
     assert (acks(bench), bench.texts()) == ([(result, 0)], [f"mission upload: {error}"])
 
 
-async def test_a_client_that_loses_control_is_told_that_nobody_knows(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_client_that_loses_control_is_told_that_nobody_knows(bench: Bench, client: Client) -> None:
     await upload(bench, client)
     bench.drone.holder, bench.drone.is_controlled = "other", False
     bench.control.on_taken(bench.drone, "other")  # type: ignore[arg-type]
@@ -442,9 +414,7 @@ async def read(bench: Bench, client: Client, kind: int = 0, as_int: bool = True)
     return bench.of("MISSION_ITEM_INT" if as_int else "MISSION_ITEM")[before:]
 
 
-async def test_lists_are_read_from_the_drone_once_and_then_out_of_the_copy(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_lists_are_read_from_the_drone_once_and_then_out_of_the_copy(bench: Bench, client: Client) -> None:
     bench.states = (Airframe(PX4, 2), Armed(False))
     bench.drone.plan = Plan(PlanObject(mission=tuple(map(of_plan, range(3))), fence=(), rally=(of_plan(9, 5100),)))
     found = await read(bench, client)
@@ -461,9 +431,7 @@ async def test_lists_are_read_from_the_drone_once_and_then_out_of_the_copy(group
     assert not bench.drone.wanted, "nobody controls it, and the gateway has given it up again"
 
 
-async def test_ardupilots_clients_send_and_read_home_in_front(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_ardupilots_clients_send_and_read_home_in_front(bench: Bench, client: Client) -> None:
     bench.states = (Airframe(ARDUPILOT, 2), Armed(True), Home(47.0, 8.0, 488.0))
     await bench.send(client, count(3), item(0, command=16, x=0), item(1), item(2))
     (plan, _) = bench.drone.uploads[0]
@@ -475,9 +443,9 @@ async def test_ardupilots_clients_send_and_read_home_in_front(group: Any) -> Non
     assert bench.drone.uploads[-1][0].content.mission == ()
 
 
-async def test_a_plan_that_is_not_known_is_not_read_in_the_air_where_nobody_controls_the_drone(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_plan_that_is_not_known_is_not_read_in_the_air_where_nobody_controls_the_drone(
+    bench: Bench, client: Client
+) -> None:
     bench.drone.plan = Plan(PlanObject(mission=OLD, fence=(), rally=()))
     await bench.send(client, wanted(1))
     assert (acks(bench), bench.of("MISSION_COUNT"), bench.drone.wanted) == ([(DENIED, 1)], [], False)
@@ -487,9 +455,9 @@ async def test_a_plan_that_is_not_known_is_not_read_in_the_air_where_nobody_cont
     assert [message.count for message in bench.of("MISSION_COUNT")] == [0]
 
 
-async def test_where_another_station_controls_the_drone_nothing_is_read_but_the_copy(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_where_another_station_controls_the_drone_nothing_is_read_but_the_copy(
+    bench: Bench, client: Client
+) -> None:
     bench.states, bench.drone.holder = (Airframe(PX4, 2), Armed(False)), "other"
     await bench.send(client, wanted())
     assert (acks(bench), bench.texts()) == ([(DENIED, 0)], ["mission not read: controlled by the station other"])
@@ -498,16 +466,13 @@ async def test_where_another_station_controls_the_drone_nothing_is_read_but_the_
     assert [message.count for message in bench.of("MISSION_COUNT")] == [1]
 
 
-async def test_a_drone_that_does_not_give_its_plan_is_an_error(group: Any) -> None:
-    bench = Bench(group)
+async def test_a_drone_that_does_not_give_its_plan_is_an_error(bench: Bench) -> None:
     bench.states = (Airframe(PX4, 2), Armed(False))
     await bench.send(bench.client(), wanted())
     assert (acks(bench), bench.texts()) == ([(ERROR, 0)], ["mission not read: drone 1: plan: no_autopilot"])
 
 
-async def test_who_reads_during_an_upload_gets_the_new_list(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_who_reads_during_an_upload_gets_the_new_list(bench: Bench, client: Client) -> None:
     bench.copies.put(1, {PlanList.MISSION: OLD})
     await upload(bench, client, 2)
     await bench.send(client, wanted(), wanted())
@@ -516,9 +481,7 @@ async def test_who_reads_during_an_upload_gets_the_new_list(group: Any) -> None:
     assert [message.count for message in bench.of("MISSION_COUNT")] == [2]
 
 
-async def test_a_list_that_changes_is_read_on_as_it_was(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_list_that_changes_is_read_on_as_it_was(bench: Bench, client: Client) -> None:
     bench.copies.put(1, {PlanList.MISSION: (of_plan(7), of_plan(8))})
     await bench.send(client, wanted(), mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
     bench.copies.put(1, {PlanList.MISSION: OLD})
@@ -530,9 +493,7 @@ async def test_a_list_that_changes_is_read_on_as_it_was(group: Any) -> None:
     assert acks(bench) == [(13, 0)] * 2
 
 
-async def test_a_copy_is_forgotten_when_the_drone_has_another_mission(group: Any) -> None:
-    bench = Bench(group)
-    client = bench.client()
+async def test_a_copy_is_forgotten_when_the_drone_has_another_mission(bench: Bench, client: Client) -> None:
     bench.copies.name(client, 1, OLD)
     for state, stays in (
         (Mission(1, 0, 1, list_hash(OLD)), True),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -20,10 +20,8 @@ from mqttxt import (
     Armed,
     AutopilotText,
     Battery,
-    Command,
     CommandId,
     ControlChanged,
-    Event,
     FlightMode,
     FlightModeName,
     Fog,
@@ -33,7 +31,6 @@ from mqttxt import (
     Location,
     MavlinkState,
     Outcome,
-    SentCommand,
     Severity,
     State,
     StateUpdate,
@@ -46,8 +43,9 @@ from mqttxt.gateway.endpoints import ClientAddress
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.process import SILENT_MS, Gateway
 from mqttxt.gateway.telemetry import LOCAL
-from mqttxt.station.heard import Record
-from mqttxt.station.outcomes import last_word
+from tests.rigs.loopback import free_port
+from tests.simulation import desk
+from tests.simulation.page_fleet import FakeStation
 
 pytestmark = pytest.mark.long
 
@@ -60,64 +58,25 @@ KNOWN = (
 )
 
 
-class FakeDrone:
-    fog = 1
-    holder: str | None = None
-    is_controlled = False
+class FakeDrone(desk.FakeDrone):
+    """A drone with states; its station has control of it where a test gives it, and keeps it."""
 
-    def __init__(self, number: int, *states: State) -> None:
+    fog = 1
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
         self.number = number
-        self.is_reachable = True
-        self.states = {state.name: KnownState(state, 100) for state in states}
+        self.grants = False
+        self.states = {state.name: KnownState(state, 100) for state in KNOWN}
+
+    def release(self) -> None:
+        pass
 
     def state(self, kind: type[State]) -> Any:
         return self.states.get(kind.name)
 
     def age(self, age_ms: int) -> None:
         self.states = {name: replace(known, age_ms=age_ms) for name, known in self.states.items()}
-
-    def claim(self) -> None:
-        raise AssertionError("nobody commands here")
-
-    def release(self) -> None:
-        pass
-
-
-class Commanded(FakeDrone):
-    """A drone that this station controls, and that says nothing."""
-
-    is_controlled = True
-
-    def __init__(self, number: int, *states: State) -> None:
-        super().__init__(number, *states)
-        self.sent: list[Command] = []
-        self.record = Record[Outcome]()
-
-    def claim(self) -> None:
-        pass
-
-    def send(self, command: Command, *, ttl_s: float) -> SentCommand[Outcome, Outcome]:
-        self.sent.append(command)
-        self.record = Record[Outcome]()
-        return SentCommand(self.record, last_word)
-
-
-class FakeFog:
-    def __init__(self, *drones: FakeDrone) -> None:
-        self.drones = list(drones)
-
-
-class FakeStation:
-    name = "gateway"
-
-    def __init__(self) -> None:
-        self.queue: asyncio.Queue[Event | Exception | None] = asyncio.Queue()
-
-    async def events(self) -> AsyncIterator[Event]:
-        while (event := await self.queue.get()) is not None:
-            if isinstance(event, Exception):
-                raise event
-            yield event
 
 
 class Socket:
@@ -150,17 +109,16 @@ class Socket:
 class Bench:
     def __init__(self) -> None:
         self.station = FakeStation()
-        self.drones = [FakeDrone(1, *KNOWN), FakeDrone(2, *KNOWN)]
-        with socket.socket() as sock:
-            sock.bind(("127.0.0.1", 0))
-            self.port = sock.getsockname()[1]
+        self.drones = [FakeDrone(1), FakeDrone(2)]
+        self.port = free_port()
         self.gateway = Gateway(cast(GroundStation, self.station), 5.0, take_over=False)
-        self.fog = FakeFog(*self.drones)
+        self.fog = SimpleNamespace(drones=[*self.drones])
         fogs = cast("list[Fog]", [self.fog])
         self.running = asyncio.create_task(self.gateway.run(fogs, [], [ClientAddress("tcp", "127.0.0.1", self.port)]))
         self.clients: list[Socket] = []
 
     async def client(self, system: int = 255) -> Socket:
+        """One that has heard of a drone."""
         async with asyncio.timeout(10):
             while True:
                 with contextlib.suppress(OSError):
@@ -169,16 +127,16 @@ class Bench:
                 await asyncio.sleep(0.01)
         made = Socket(reader, writer, system)
         self.clients.append(made)
+        await until(lambda: made.messages)
         return made
 
-    def commanded(self) -> Commanded:
-        """Make drone 1 one that can be commanded."""
-        drone = Commanded(1, *KNOWN)
-        self.fog.drones[0] = drone
-        return drone
+    def commanded(self) -> FakeDrone:
+        """Give the station control of drone 1."""
+        self.drones[0].is_controlled = True
+        return self.drones[0]
 
     def hear(self, state: State, drone: int = 1, age_ms: int | None = 100) -> None:
-        self.station.queue.put_nowait(StateUpdate(1, drone, state, 1, age_ms))
+        self.station.heard.put_nowait(StateUpdate(1, drone, state, 1, age_ms))
 
 
 def beats(client: Socket) -> list[int]:
@@ -196,6 +154,13 @@ def suspend(monkeypatch: pytest.MonkeyPatch, seconds: int) -> None:
     """Suspend the machine, as far as its clocks show: only CLOCK_BOOTTIME goes on."""
     real, ahead_ns = time.clock_gettime_ns, {time.CLOCK_BOOTTIME: seconds * 10**9}
     monkeypatch.setattr(time, "clock_gettime_ns", lambda clock: real(clock) + ahead_ns.get(clock, 0))
+
+
+async def flood(client: Socket) -> None:
+    """Send so much that much is read at once, for 0.8 s."""
+    for _ in range(40):
+        client.say(*[HEARTBEAT] * 30)
+        await asyncio.sleep(0.02)
 
 
 def takeoff_altitude_of(drone: int) -> Any:
@@ -282,7 +247,6 @@ async def test_a_change_of_arming_is_shown_at_once(bench: Bench, monkeypatch: py
 
 async def test_texts_pass_as_they_come_and_old_ones_do_not(bench: Bench) -> None:
     client = await bench.client()
-    await until(lambda: client.messages)
     for said, age_ms in (("old", 10_001), ("of unknown age", None), ("new", 900)):
         bench.hear(AutopilotText(Severity.CRITICAL, said), age_ms=age_ms)
     await until(lambda: client.of("STATUSTEXT"))
@@ -291,7 +255,6 @@ async def test_texts_pass_as_they_come_and_old_ones_do_not(bench: Bench) -> None
 
 async def test_a_message_of_the_drones_own_passes_but_for_those_that_are_made_here(bench: Bench) -> None:
     client = await bench.client()
-    await until(lambda: client.messages)
     attitude = {"time_boot_ms": 7, "roll": 0.5, "pitch": None, "yaw": 0, "rollspeed": 0, "pitchspeed": 0, "yawspeed": 0}
     controls = {"time_usec": 1, "group_mlx": 0, "controls": (0.5, None, *[0.0] * 6)}
     bench.hear(MavlinkState("mavlink/HOME_POSITION", {}))
@@ -315,7 +278,7 @@ async def test_a_drone_with_the_id_of_a_client_is_hidden_from_it_alone(
     bench: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
     client, twin = await bench.client(), await bench.client(2)
-    twin.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), takeoff_altitude_of(2))
+    twin.say(HEARTBEAT, takeoff_altitude_of(2))
     await until(lambda: "drone 2 is not shown at tcp:" in caplog.text)
     seen = len(twin.messages)
     await until_beats(client, 2, 2)
@@ -340,38 +303,37 @@ async def test_only_what_is_for_a_drones_autopilot_is_answered(
 
 async def test_who_sends_no_heartbeat_is_told_so_and_commands_nothing(bench: Bench) -> None:
     client = await bench.client()
-    client.say(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    client.say(ARM)
     await until(lambda: client.of("STATUSTEXT"))
     ack = client.of("COMMAND_ACK")[-1]
     assert (ack.result, ack.target_system, ack.target_component) == (mavlink.MAV_RESULT_DENIED, 255, 190)
+    assert not bench.drones[0].wanted
 
 
 async def test_what_waits_for_an_arm_ends_where_another_station_takes_the_drone(bench: Bench) -> None:
     client = await bench.client()
-    heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
-    client.say(heartbeat, mavlink.MAVLink_command_long_message(1, 1, 22, 0, *[math.nan] * 7))
+    client.say(HEARTBEAT, TAKEOFF)
     await until(lambda: [text for text in client.of("STATUSTEXT") if "waits" in text.text])
-    bench.station.queue.put_nowait(ControlChanged(1, 1, "other", False, 1))
+    bench.station.heard.put_nowait(ControlChanged(1, 1, "other", False, 1))
     await until(lambda: [text for text in client.of("STATUSTEXT") if text.text.startswith("takeoff given up")])
+    assert not bench.drones[0].wanted
 
 
 async def test_who_controls_a_drone_at_another_fog_is_of_no_consequence(bench: Bench) -> None:
     """The drone has gone from fog 2 to fog 1, where it is flown; fog 2 still has a record of it."""
     drone, client = bench.commanded(), await bench.client()
     client.say(HEARTBEAT, LAND)
-    await until(lambda: drone.sent)
-    bench.station.queue.put_nowait(ControlChanged(2, 1, "elsewhere", False, 1))
-    bench.station.queue.put_nowait(ControlChanged(1, 1, "other", False, 1))
+    await until(lambda: drone.commands)
+    bench.station.heard.put_nowait(ControlChanged(2, 1, "elsewhere", False, 1))
+    bench.station.heard.put_nowait(ControlChanged(1, 1, "other", False, 1))
     await until(lambda: client.of("STATUSTEXT"))
     assert [text.text for text in client.of("STATUSTEXT")] == ["control was taken by the station other"]
 
 
 async def test_the_outcome_that_follows_an_unconfirmed_one_is_a_text(bench: Bench) -> None:
     clients = await bench.client(), await bench.client(254)
-    for client in clients:
-        await until(lambda client=client: client.messages)
     for word, settled in ((Word.UNCONFIRMED, False), (Word.COMPLETED, True)):
-        bench.station.queue.put_nowait(Outcome(CommandId(1, 1), 1, 1, "land", word, settled=settled))
+        bench.station.heard.put_nowait(Outcome(CommandId(1, 1), 1, 1, "land", word, settled=settled))
     for client in clients:
         await until(lambda client=client: client.of("STATUSTEXT"))
         assert [text.text for text in client.of("STATUSTEXT")] == ["land settled as completed"]
@@ -384,46 +346,37 @@ async def test_what_waited_while_the_machine_was_suspended_is_not_executed(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drone, client = bench.commanded(), await bench.client()
-    await until(lambda: client.messages)
     client.say(HEARTBEAT, LAND)
     suspend(monkeypatch, 2)
     await until(lambda: client.of("COMMAND_ACK"))
-    assert (client.of("COMMAND_ACK")[0].result, drone.sent) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
+    assert (client.of("COMMAND_ACK")[0].result, drone.commands) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
     await asyncio.sleep(2 * process.DRAINING_MS / 1000)
     client.say(LAND)
     await until(lambda: [text for text in client.of("STATUSTEXT") if text.text.startswith("no HEARTBEAT")])
-    assert drone.sent == [], "the HEARTBEAT of then does not count"
+    assert drone.commands == [], "the HEARTBEAT of then does not count"
     client.say(HEARTBEAT, LAND)
-    await until(lambda: drone.sent)
+    await until(lambda: drone.commands)
 
 
 async def test_as_long_as_much_is_read_at_once_it_is_what_waited(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "DRAINING_MS", 400)
     drone, client = bench.commanded(), await bench.client()
-    await until(lambda: client.messages)
     suspend(monkeypatch, 2)
-    for _ in range(40):
-        client.say(*[HEARTBEAT] * 30)
-        await asyncio.sleep(0.02)
+    await flood(client)
     client.say(LAND)
     await until(lambda: client.of("COMMAND_ACK"))
-    assert (client.of("COMMAND_ACK")[0].result, drone.sent) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
+    assert (client.of("COMMAND_ACK")[0].result, drone.commands) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
 
 
 async def test_draining_ends_however_many_messages_arrive(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "DRAINING_MS", 200)
     monkeypatch.setattr(process, "LONGEST_DRAINING_MS", 200)
     drone, client = bench.commanded(), await bench.client()
-    await until(lambda: client.messages)
     suspend(monkeypatch, 2)
-    for _ in range(40):
-        client.say(*[HEARTBEAT] * 30)
-        await asyncio.sleep(0.02)
+    await flood(client)
     client.say(LAND)
-    for _ in range(40):
-        client.say(*[HEARTBEAT] * 30)
-        await asyncio.sleep(0.02)
-    assert drone.sent == [Land()]
+    await flood(client)
+    assert drone.commands == [Land()]
 
 
 async def test_the_time_in_which_a_command_waited_while_the_machine_was_suspended_counts(
@@ -438,45 +391,45 @@ async def test_the_time_in_which_a_command_waited_while_the_machine_was_suspende
     await asyncio.sleep(0.2)
     client.say(HEARTBEAT)
     await until(lambda: [ack for ack in client.of("COMMAND_ACK") if ack.result != mavlink.MAV_RESULT_IN_PROGRESS])
-    assert (client.of("COMMAND_ACK")[-1].result, drone.sent) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
+    assert (client.of("COMMAND_ACK")[-1].result, drone.commands) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
     client.say(LAND)
-    await until(lambda: drone.sent)
-    assert drone.sent == [Land()]
+    await until(lambda: drone.commands)
+    assert drone.commands == [Land()]
 
 
 async def test_a_machine_that_was_suspended_flies_no_takeoff_of_before(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drone, client = bench.commanded(), await bench.client()
-    await until(lambda: client.messages)
     client.say(HEARTBEAT, TAKEOFF, ARM)
-    await until(lambda: drone.sent)
+    await until(lambda: drone.commands)
     suspend(monkeypatch, 25)
     await until_beats(client, 1, 1)
-    drone.record.hear(Outcome(CommandId(1, 1), 1, 1, "arm", Word.COMPLETED))
-    drone.record.end()
+    _, arm = drone.sent[0]
+    arm.hear(Outcome(CommandId(1, 1), 1, 1, "arm", Word.COMPLETED))
+    arm.end()
 
     def has_ended() -> bool:
         client.say(HEARTBEAT)
         return any("takeoff given up" in text.text for text in client.of("STATUSTEXT"))
 
     await until(has_ended)
-    assert drone.sent == [Arm()]
+    assert drone.commands == [Arm()]
 
 
 async def test_what_clients_send_while_the_gateway_ends_is_not_handled(bench: Bench) -> None:
-    drone, client = bench.commanded(), await bench.client()
-    await until(lambda: client.messages)
+    drone = bench.commanded()
+    await bench.client()
     bench.running.cancel()
     await asyncio.sleep(0)
     (peer,) = bench.gateway._endpoints.peers
     land = mavlink.MAVLink(None).decode(bytearray(LAND.pack(mavlink.MAVLink(None, 255, 190))))
     bench.gateway._on_message(peer, land)
-    assert drone.sent == []
+    assert drone.commands == []
 
 
 async def test_a_stations_end_is_the_gateways(bench: Bench) -> None:
-    bench.station.queue.put_nowait(ControlChanged(1, 9, "other", False, 1))
-    bench.station.queue.put_nowait(StationEnded("the broker has refused"))
+    bench.station.heard.put_nowait(ControlChanged(1, 9, "other", False, 1))
+    bench.station.heard.put_nowait(StationEnded("the broker has refused"))
     with pytest.raises(StationEnded, match="refused"):
         await bench.running

@@ -33,6 +33,8 @@ from tests.simulation.world import GS_SESSION, World, ack, heartbeat
 
 ARM = 400
 FOG = 0x22
+OF_FOG: dict[str, Any] = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
+"""What the activator says with its words about the first command."""
 
 
 class StationBench:
@@ -74,6 +76,11 @@ class StationBench:
         return [(o.word, o.settled) for o in self.hear("drone1/commands_result/arm", message) if isinstance(o, Outcome)]
 
 
+@pytest.fixture
+def bench() -> StationBench:
+    return StationBench()
+
+
 def test_a_station_of_no_fog_says_nothing_of_itself() -> None:
     """One that only brings a revocation list: it may share its name with another session, in a fleet that signs."""
     role = StationRole("alpha", GS_SESSION, Settings())
@@ -102,15 +109,13 @@ def test_it_registers_after_the_suback_and_not_before() -> None:
     assert decode(Presence, birth.payload).up  # type: ignore[union-attr]
 
 
-def test_a_lease_is_renewed_at_a_third_and_at_each_activator_session() -> None:
-    bench = StationBench()
+def test_a_lease_is_renewed_at_a_third_and_at_each_activator_session(bench: StationBench) -> None:
     assert len(of(bench.until(30_000), "fog1/init_connect")) == 2
     assert len(of(bench.hear("reachable", FogPresence(session=99, up=True)), "fog1/init_connect")) == 1
 
 
-def test_a_closed_mission_keeps_no_command_behind_it() -> None:
+def test_a_closed_mission_keeps_no_command_behind_it(bench: StationBench) -> None:
     """It might have lasted four hours, and was superseded at once."""
-    bench = StationBench()
     bench.send(StartMission(b"m" * 16))
     bench.result(Word.SUPERSEDED)
     bench.until(11_000)
@@ -146,8 +151,7 @@ def test_what_cannot_be_sent_is_a_users_mistake(how: dict[str, Any]) -> None:
         StationBench().send(**how)
 
 
-def test_numbers_rise_by_one_over_all_topics_and_deadlines_are_of_the_fogs_clock() -> None:
-    bench = StationBench()
+def test_numbers_rise_by_one_over_all_topics_and_deadlines_are_of_the_fogs_clock(bench: StationBench) -> None:
     one, two = bench.send(), bench.send(Hold(), None)
     assert (one.topic, two.topic) == ("fog1/drone1/commands", "fog1/commands")
     first, second = decode(CommandMessage, one.payload), decode(CommandMessage, two.payload)
@@ -157,8 +161,7 @@ def test_numbers_rise_by_one_over_all_topics_and_deadlines_are_of_the_fogs_clock
     assert (one.retain, one.expiry_s) == (False, 5)
 
 
-def test_there_is_exactly_one_last_word() -> None:
-    bench = StationBench()
+def test_there_is_exactly_one_last_word(bench: StationBench) -> None:
     bench.send()
     assert bench.result(Word.ACCEPTED) == [(Word.ACCEPTED, False)]
     assert bench.result(Word.ACCEPTED) == []
@@ -166,18 +169,16 @@ def test_there_is_exactly_one_last_word() -> None:
     assert bench.result(Word.FAILED) == []
 
 
-def test_progress_never_goes_back() -> None:
+def test_progress_never_goes_back(bench: StationBench) -> None:
     """R5.18."""
-    bench = StationBench()
     bench.send()
     said = [(percent, bench.result(Word.IN_PROGRESS, percent=percent)) for percent in (10, 60, 40, 60, 61, None, 5)]
     assert [percent for percent, outcomes in said if outcomes] == [10, 60, 61, None]
     assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
 
 
-def test_a_progress_that_comes_late_says_nothing_behind_accepted() -> None:
+def test_a_progress_that_comes_late_says_nothing_behind_accepted(bench: StationBench) -> None:
     """R5.18. A drone says `accepted` behind `in_progress`, never before it."""
-    bench = StationBench()
     bench.send()
     said = [bench.result(Word.IN_PROGRESS, percent=10), bench.result(Word.ACCEPTED)]
     assert said == [[(Word.IN_PROGRESS, False)], [(Word.ACCEPTED, False)]]
@@ -186,30 +187,26 @@ def test_a_progress_that_comes_late_says_nothing_behind_accepted() -> None:
     assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
 
 
-def test_the_truth_after_an_unconfirmed_settles_it_once() -> None:
-    bench = StationBench()
+def test_the_truth_after_an_unconfirmed_settles_it_once(bench: StationBench) -> None:
     bench.send()
     assert bench.result(Word.UNCONFIRMED) == [(Word.UNCONFIRMED, False)]
     assert bench.result(Word.COMPLETED, settled=True) == [(Word.COMPLETED, True)]
     assert bench.result(Word.FAILED, settled=True) == []
 
 
-def test_failing_everybody_else_the_station_closes_it_as_unconfirmed() -> None:
-    bench = StationBench()
+def test_failing_everybody_else_the_station_closes_it_as_unconfirmed(bench: StationBench) -> None:
     bench.send(limit_s=1.0)
     told = [o.word for o in bench.until(60_000) if isinstance(o, Outcome)]
     assert told == [Word.UNCONFIRMED]
     assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, True)]
 
 
-def test_a_foreign_result_is_no_outcome() -> None:
-    bench = StationBench()
+def test_a_foreign_result_is_no_outcome(bench: StationBench) -> None:
     bench.send()
     assert bench.result(Word.COMPLETED, seq=9) == []
 
 
-def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes() -> None:
-    bench = StationBench()
+def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes(bench: StationBench) -> None:
     sent = bench.send()
     bench.role.on_disconnected("cloud", bench.now_ms)
     for effect in bench.role.on_connected("cloud", bench.now_ms):
@@ -220,12 +217,10 @@ def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes() ->
     assert sent not in bench.until(bench.now_ms + 20_000)
 
 
-def test_a_broadcast_has_a_last_word_for_each_drone_of_its_roster() -> None:
-    bench = StationBench()
+def test_a_broadcast_has_a_last_word_for_each_drone_of_its_roster(bench: StationBench) -> None:
     bench.send(Hold(), None, limit_s=1.0)
-    fields: dict[str, Any] = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
     roster = (RosterEntry(drone=1, session=5), RosterEntry(drone=2))
-    bench.hear("commands_result/hold", FogResultMessage(**fields, roster=roster))
+    bench.hear("commands_result/hold", FogResultMessage(**OF_FOG, roster=roster))
     assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
     told = [(o.drone, o.word) for o in bench.until(60_000) if isinstance(o, Outcome)]
     assert told == [(2, Word.UNCONFIRMED)]
@@ -237,9 +232,8 @@ def test_a_broadcast_at_qos_0_is_not_asked_for_while_its_words_may_wait(bundles:
     bench = StationBench(qos=0, bundles=bundles)
     sent = bench.send(Arm(), drone=None)
     began_ms = bench.now_ms
-    fields: dict[str, Any] = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
     assert of(bench.until(began_ms + first_ms - 100), sent.topic) == []
-    bench.hear("commands_result/arm", FogResultMessage(**fields, roster=(RosterEntry(drone=1, session=5),)))
+    bench.hear("commands_result/arm", FogResultMessage(**OF_FOG, roster=(RosterEntry(drone=1, session=5),)))
     heard_ms = bench.now_ms
     assert of(bench.until(heard_ms + 2900), sent.topic) == []
     assert [publish.payload for publish in of(bench.until(heard_ms + 3000), sent.topic)] == [sent.payload]
@@ -254,10 +248,9 @@ def test_a_broadcast_at_qos_0_that_is_lost_is_asked_for(command: Command, bundle
     assert len(of(bench.until(began_ms + first_ms), sent.topic)) == 1
 
 
-def test_a_fogs_denial_ends_a_broadcast() -> None:
-    bench = StationBench()
+def test_a_fogs_denial_ends_a_broadcast(bench: StationBench) -> None:
     bench.send(Hold(), None)
-    denial = FogResultMessage(gs_session=GS_SESSION, seq=1, session=FOG, stamp=1, denied="ledger_full")
+    denial = FogResultMessage(**OF_FOG, denied="ledger_full")
     (outcome,) = bench.hear("commands_result/hold", denial)
     assert (outcome.drone, outcome.word, outcome.reason) == (None, Word.DENIED, "ledger_full")
     assert bench.hear("commands_result/hold", denial) == []
@@ -280,8 +273,7 @@ def test_a_fogs_denial_behind_a_drones_first_word_is_no_definite_no() -> None:
         assert [(o.drone, o.word) for o in late] == ([] if select else [(None, Word.UNCONFIRMED)])
 
 
-def test_a_broadcast_whose_roster_was_lost_has_a_last_word_for_each_drone_that_was_heard() -> None:
-    bench = StationBench()
+def test_a_broadcast_whose_roster_was_lost_has_a_last_word_for_each_drone_that_was_heard(bench: StationBench) -> None:
     bench.send(Arm(), None, limit_s=1.0)
     bench.result(Word.ACCEPTED)
     told = [(o.drone, o.word) for o in bench.until(60_000) if isinstance(o, Outcome)]
@@ -304,13 +296,11 @@ def of_goto(bench: StationBench, drone: int, word: Word) -> list[Any]:
 
 
 def psmi(bench: StationBench, **fields: Any) -> list[Any]:
-    head = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
-    return bench.hear("PSMI", PsmiMessage(**head, left_out=(), **fields))
+    return bench.hear("PSMI", PsmiMessage(**OF_FOG, left_out=(), **fields))
 
 
-def test_a_choice_that_every_drone_denies_and_no_activator_ends_is_unconfirmed() -> None:
+def test_a_choice_that_every_drone_denies_and_no_activator_ends_is_unconfirmed(bench: StationBench) -> None:
     """R7.8: an activator of a later session asked all drones, and does not know whether these are all."""
-    bench = StationBench()
     select(bench, limit_s=1.0)
     for drone in (1, 2):
         of_goto(bench, drone, Word.EXPIRED)
@@ -318,9 +308,8 @@ def test_a_choice_that_every_drone_denies_and_no_activator_ends_is_unconfirmed()
     assert not any(pending.is_open for pending in bench.role.commands.pending.values())
 
 
-def test_another_drones_word_does_not_end_a_commit() -> None:
+def test_another_drones_word_does_not_end_a_commit(bench: StationBench) -> None:
     """R7.8: the commit's list was lost, and a restarted activator asks every drone; drone 4 may be flying it."""
-    bench = StationBench()
     select(bench, mode=SelectMode.COMMIT, reservation=9, drone=4)
     assert told_of(of_goto(bench, 3, Word.EXPIRED)) == []
     assert told_of(of_goto(bench, 4, Word.ACCEPTED)) == [(4, Word.ACCEPTED, None)]
@@ -334,17 +323,15 @@ def test_at_qos_0_a_choice_whose_denial_was_lost_behind_its_empty_list_is_asked_
     assert of(bench.until(13_000), "fog1/commands/goto") == [asked]
 
 
-def test_a_list_says_nothing_of_a_command_that_nobody_chooses_for() -> None:
-    bench = StationBench()
+def test_a_list_says_nothing_of_a_command_that_nobody_chooses_for(bench: StationBench) -> None:
     bench.send()
     assert psmi(bench, listed=(), chosen=7) == psmi(bench, listed=(), hold_until_ms=1) == []
     assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
     assert not bench.role.commands.pending[CommandId(GS_SESSION, 1)].is_open
 
 
-def test_control_that_goes_to_a_later_session_of_the_same_name_is_told() -> None:
+def test_control_that_goes_to_a_later_session_of_the_same_name_is_told(bench: StationBench) -> None:
     """A station with an identity has its name again behind a restart; its earlier session's lease lasts for 30 s."""
-    bench = StationBench()
     told: list[Any] = []
     for session in (99, GS_SESSION, GS_SESSION):
         record = DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="alpha", holder_session=session)
@@ -422,15 +409,9 @@ def outcomes(world: World) -> list[Word]:
     return [event.word for event in world.heard if isinstance(event, Outcome)]
 
 
-def started(qos: int = 1) -> World:
-    world = World(qos=qos, now_ms=1000).start()
-    world.pass_time(500)
-    return world
-
-
 @pytest.mark.parametrize("qos", [0, 1])
 def test_a_command_flies_from_end_to_end(qos: int) -> None:
-    world = started(qos)
+    world = World(qos, now_ms=1000).start(500)
     world.send(Arm())
     world.autopilot(ack(ARM), heartbeat(armed=True))
     assert outcomes(world) == [Word.ACCEPTED, Word.COMPLETED]
@@ -442,7 +423,7 @@ def test_a_command_flies_from_end_to_end(qos: int) -> None:
 
 
 def test_lost_results_at_qos_0_are_asked_for_and_nothing_runs_twice() -> None:
-    world = started(0)
+    world = World(0, now_ms=1000).start(500)
     world.drop = {"commands_result"}
     world.send(Arm())
     world.autopilot(ack(ARM), heartbeat(armed=True))
@@ -454,7 +435,7 @@ def test_lost_results_at_qos_0_are_asked_for_and_nothing_runs_twice() -> None:
 
 
 def test_a_restarted_drone_closes_what_it_left_open() -> None:
-    world = started()
+    world = World(now_ms=1000).start(500)
     command_id = world.send(Arm())
     world.restart_uav(0x44, [Unfinished(command_id, "arm")])
     world.pass_time(3000)
@@ -463,7 +444,7 @@ def test_a_restarted_drone_closes_what_it_left_open() -> None:
 
 
 def test_a_restarted_activator_asks_the_drone_and_executes_nothing_again() -> None:
-    world = started()
+    world = World(now_ms=1000).start(500)
     world.send(Arm())
     world.restart_activator(0x55)
     world.autopilot(ack(ARM), heartbeat(armed=True))

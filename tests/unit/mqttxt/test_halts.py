@@ -31,6 +31,11 @@ def sources(outputs: list[Any]) -> list[tuple[int, Source]]:
     return [(o.message.command, o.source) for o in outputs if isinstance(o, Transmit) and o.ref is not None]
 
 
+@pytest.fixture
+def bench() -> Bench:
+    return flying()
+
+
 HALTED, SENT_THERE = (REPOSITION, Source.HALT), (REPOSITION, Source.COMPANION)
 
 
@@ -38,24 +43,21 @@ def halt_ack(result: int = 0, source: Source = Source.HALT) -> Any:
     return ack(REPOSITION, result, source=source)
 
 
-def test_hold_is_written_beside_a_goto_that_nobody_acknowledged_and_supersedes_it() -> None:
-    bench = flying()
+def test_hold_is_written_beside_a_goto_that_nobody_acknowledged_and_supersedes_it(bench: Bench) -> None:
     assert sources(bench.start(1, THERE)) == [SENT_THERE]
     assert sources(bench.start(2, Hold())) == [HALTED]
     assert said(bench.hear(halt_ack())) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
     assert said(bench.hear(ack(REPOSITION))) == []  # the goto's, late
 
 
-def test_hold_is_written_while_the_gotos_number_rests() -> None:
-    bench = flying()
+def test_hold_is_written_while_the_gotos_number_rests(bench: Bench) -> None:
     bench.start(1, THERE)
     bench.until(2600)
     assert written(bench.start(2, THERE)) == []
     assert sources(bench.start(3, Hold())) == [HALTED]
 
 
-def test_a_gotos_refusal_is_not_the_holds() -> None:
-    bench = flying()
+def test_a_gotos_refusal_is_not_the_holds(bench: Bench) -> None:
     bench.start(1, THERE)
     bench.start(2, Hold())
     assert said(bench.hear(ack(REPOSITION, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
@@ -63,8 +65,7 @@ def test_a_gotos_refusal_is_not_the_holds() -> None:
 
 
 @pytest.mark.parametrize("answers", [[], [halt_ack(REJECTED)]])
-def test_after_a_hold_the_goto_is_not_repeated_whatever_became_of_the_hold(answers: list[Any]) -> None:
-    bench = flying()
+def test_after_a_hold_the_goto_is_not_repeated_whatever_became_of_the_hold(answers: list[Any], bench: Bench) -> None:
     bench.start(1, THERE)
     bench.start(2, Hold())
     bench.hear(*answers)
@@ -80,8 +81,7 @@ def test_a_takeoff_is_not_repeated_after_a_hold_on_the_ground_was_completed() ->
     assert TAKEOFF not in written(bench.until(10_000))
 
 
-def test_hold_is_repeated_until_its_own_acknowledgement() -> None:
-    bench = flying()
+def test_hold_is_repeated_until_its_own_acknowledgement(bench: Bench) -> None:
     bench.start(1, THERE)
     bench.start(2, Hold())
     bench.hear(ack(REPOSITION))
@@ -96,16 +96,14 @@ def test_hold_on_the_ground_waits_for_no_mode_change_either() -> None:
     assert sources(bench.start(2, Hold())) == [(MODE, Source.HALT)]
 
 
-def test_a_hold_does_not_wait_for_a_hold() -> None:
-    bench = flying()
+def test_a_hold_does_not_wait_for_a_hold(bench: Bench) -> None:
     assert sources(bench.start(1, Hold())) == [HALTED]
     assert sources(bench.start(2, Hold())) == [(REPOSITION, Source.HALT_2)]
     assert said(bench.hear(halt_ack(source=Source.HALT_2))) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
     assert said(bench.hear(halt_ack())) == []
 
 
-def test_where_every_source_is_taken_the_first_acknowledgement_is_the_older_holds() -> None:
-    bench = flying()
+def test_where_every_source_is_taken_the_first_acknowledgement_is_the_older_holds(bench: Bench) -> None:
     written_by = [source for seq in range(4) for _, source in sources(bench.start(seq, Hold()))]
     assert written_by == [*HALTING, HALTING[-1]]
     assert said(bench.hear(halt_ack(source=HALTING[-1])))[0] == (2, *ACCEPTED)
@@ -171,8 +169,7 @@ def test_a_refusal_behind_the_older_holds_acceptance_is_not_its_second_acknowled
     assert (2, Word.FAILED) not in [(seq, word) for seq, word, _ in words]
 
 
-def test_the_late_acknowledgement_of_an_older_hold_is_not_taken_for_the_newer() -> None:
-    bench = flying()
+def test_the_late_acknowledgement_of_an_older_hold_is_not_taken_for_the_newer(bench: Bench) -> None:
     for seq in range(3):
         bench.start(seq, Hold())
     bench.start(3, THERE)
@@ -184,8 +181,7 @@ def test_the_late_acknowledgement_of_an_older_hold_is_not_taken_for_the_newer() 
 
 
 @pytest.mark.parametrize("target", [(0, 0), (1, 0)])
-def test_an_acknowledgement_that_names_no_component_is_the_gotos_first(target: tuple[int, int]) -> None:
-    bench = flying()
+def test_an_acknowledgement_that_names_no_component_is_the_gotos_first(target: tuple[int, int], bench: Bench) -> None:
     nobodys = from_autopilot(mavlink.MAVLink_command_ack_message(REPOSITION, 0, 0, 0, *target))
     bench.start(1, THERE)
     bench.start(2, Hold())
@@ -303,9 +299,8 @@ def test_a_lost_hold_of_the_ground_is_written_as_one_of_the_air_once_the_drone_h
 
 @pytest.mark.parametrize(("command", "number"), [(Hold(), REPOSITION), (Land(), 21), (Return(), MODE)])
 def test_what_brings_a_drone_down_needs_no_heartbeat_of_an_autopilot_that_is_heard(
-    command: Command, number: int
+    command: Command, number: int, bench: Bench
 ) -> None:
-    bench = flying()
     for now_ms in range(100, 8000, 100):
         bench.now_ms = now_ms
         bench.hear(position(20.0), landed(IN_AIR))

@@ -40,6 +40,12 @@ def given_up(tried: Hearing, from_ms: int, until_ms: int) -> int | None:
     return None
 
 
+@pytest.fixture
+def tried() -> Hearing:
+    """Of a connection whose subscriptions were granted."""
+    return hearing()
+
+
 def test_nothing_is_said_before_the_subscriptions_and_after_the_end() -> None:
     tried = hearing(None)
     assert tried.tick(10 * SILENT_MS) == []
@@ -49,15 +55,13 @@ def test_nothing_is_said_before_the_subscriptions_and_after_the_end() -> None:
     assert tried.tick(10 * SILENT_MS) == []
 
 
-def test_who_hears_something_says_nothing() -> None:
-    tried = hearing()
+def test_who_hears_something_says_nothing(tried: Hearing) -> None:
     for now_ms in range(0, 10 * SILENT_MS, SILENT_MS - 1):
         assert tried.tick(now_ms) == []
         tried.heard(now_ms)
 
 
-def test_silence_is_asked_once_and_then_the_connection_is_given_up_once() -> None:
-    tried = hearing()
+def test_silence_is_asked_once_and_then_the_connection_is_given_up_once(tried: Hearing) -> None:
     assert tried.tick(SILENT_MS - 1) == []
     assert tried.tick(SILENT_MS) == ASKS
     assert tried.published(ASKED, TAKEN, SILENT_MS + 100)
@@ -67,17 +71,15 @@ def test_silence_is_asked_once_and_then_the_connection_is_given_up_once() -> Non
     assert tried.tick(10 * SILENT_MS) == []
 
 
-def test_the_keep_alive_has_its_time_where_the_broker_acknowledges_nothing() -> None:
+def test_the_keep_alive_has_its_time_where_the_broker_acknowledges_nothing(tried: Hearing) -> None:
     """A broker that stands still would publish the will, and control would go to somebody else."""
-    tried = hearing()
     assert tried.tick(SILENT_MS) == ASKS
     assert not tried.published("a command's", TAKEN, SILENT_MS + 100)
     assert given_up(tried, SILENT_MS + 100, 10 * SILENT_MS) == SILENT_MS + UNANSWERED_MS
     assert SILENT_MS + UNANSWERED_MS > 2 * 1000 * KEEPALIVE_S + SILENT_MS / 2, "a PINGREQ, and its time"
 
 
-def test_a_refusal_shows_nothing() -> None:
-    tried = hearing()
+def test_a_refusal_shows_nothing(tried: Hearing) -> None:
     assert tried.tick(SILENT_MS) == ASKS
     assert tried.published(ASKED, REFUSED, SILENT_MS + 100)
     assert given_up(tried, SILENT_MS + 100, 2 * SILENT_MS + 100) is None
@@ -111,8 +113,7 @@ def test_who_may_not_hear_itself_asks_ever_more_rarely_until_it_hears_something(
     assert tried.tick(now_ms + SILENT_MS) == ASKS
 
 
-def test_an_answer_in_time_begins_the_silence_anew() -> None:
-    tried = hearing()
+def test_an_answer_in_time_begins_the_silence_anew(tried: Hearing) -> None:
     assert tried.tick(SILENT_MS) == ASKS
     tried.published(ASKED, TAKEN, SILENT_MS)
     answered_ms = SILENT_MS + ANSWER_MS - 1
@@ -121,16 +122,14 @@ def test_an_answer_in_time_begins_the_silence_anew() -> None:
     assert tried.tick(answered_ms + SILENT_MS) == ASKS
 
 
-def test_a_process_that_stood_still_asks_before_it_gives_up() -> None:
-    tried = hearing()
+def test_a_process_that_stood_still_asks_before_it_gives_up(tried: Hearing) -> None:
     assert tried.tick(100 * SILENT_MS) == ASKS
     assert tried.tick(100 * SILENT_MS + 1) == []
 
 
 @pytest.mark.parametrize("then_ms", [0, 50])
-def test_a_process_that_stood_still_after_it_asked_reads_first_what_has_come(then_ms: int) -> None:
+def test_a_process_that_stood_still_after_it_asked_reads_first_what_has_come(then_ms: int, tried: Hearing) -> None:
     """At whichever tick behind the pause its time was over."""
-    tried = hearing()
     assert tried.tick(SILENT_MS) == ASKS
     tried.published(ASKED, TAKEN, SILENT_MS)
     goes_on_ms = SILENT_MS + ANSWER_MS - then_ms
@@ -138,8 +137,7 @@ def test_a_process_that_stood_still_after_it_asked_reads_first_what_has_come(the
     assert given_up(tried, goes_on_ms + then_ms, 10 * SILENT_MS) == goes_on_ms + then_ms + ANSWER_MS
 
 
-def test_a_process_that_is_slow_for_good_gives_up_all_the_same() -> None:
-    tried = hearing()
+def test_a_process_that_is_slow_for_good_gives_up_all_the_same(tried: Hearing) -> None:
     ticks = range(0, 3 * SILENT_MS, STALL_MS + 100)
     found = []
     for now_ms in ticks:
@@ -150,8 +148,7 @@ def test_a_process_that_is_slow_for_good_gives_up_all_the_same() -> None:
 
 @pytest.mark.parametrize(("name", "link"), LINKS.items())
 def test_nothing_is_tried_behind_the_goodbye(name: str, link: str) -> None:
-    world = World().start()
-    world.pass_time(1_000)
+    world = World().start(1_000)
     role = getattr(world, name)
     world.lose_subscriptions(name, link)
     list(role.goodbye(world.now_ms))
@@ -164,8 +161,7 @@ def test_nothing_is_tried_behind_the_goodbye(name: str, link: str) -> None:
 
 @pytest.mark.parametrize(("name", "link"), LINKS.items())
 def test_no_role_gives_up_a_broker_that_stands_still_before_the_keep_alive_does(name: str, link: str) -> None:
-    world = World().start()
-    world.pass_time(20_000)
+    world = World().start(20_000)
     role, begun_ms = getattr(world, name), world.now_ms
     said = [effect for now_ms in range(begun_ms, begun_ms + 30_000, 50) for effect in role.tick(now_ms)]
     assert [effect for effect in said if isinstance(effect, Publish) and effect.ref == ASKED]
@@ -182,8 +178,7 @@ def test_the_times_are_those_of_the_specification() -> None:
 def test_a_role_whose_subscriptions_the_broker_lost_connects_anew_and_commands_are_executed(
     name: str, link: str, signed: bool
 ) -> None:
-    world = World(signed=signed).start()
-    world.pass_time(5_000)
+    world = World(signed=signed).start(5_000)
     world.lose_subscriptions(name, link)
     world.pass_time(SILENT_MS + ANSWER_MS + 1_000)
     assert [(who, effect.link) for who, effect in world.reconnects] == [(name, link)]
@@ -201,8 +196,7 @@ def test_a_role_whose_subscriptions_the_broker_lost_connects_anew_and_commands_a
 
 @pytest.mark.parametrize(("name", "link"), LINKS.items())
 def test_who_is_alone_hears_itself_and_stays_connected(name: str, link: str) -> None:
-    world = World().start()
-    world.pass_time(1_000)
+    world = World().start(1_000)
     for other in LINKS.keys() - {name}:
         world.lose_subscriptions(other, LINKS[other])
     world.sent.clear()

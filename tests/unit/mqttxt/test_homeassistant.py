@@ -8,18 +8,15 @@ import re
 from typing import Any, cast
 
 import pytest
-from typer.testing import CliRunner
 
 from mqttxt import Battery, FlightMode, FlightModeName, Fog, Gps, Location, SensorReading, homeassistant
-from mqttxt.cli.main import app
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Publish, Will
 from mqttxt.core.floods import MOST_READINGS
 from mqttxt.homeassistant import Entities, HomeAssistant
-from mqttxt.protocol.state_fields import fields_of
-from mqttxt.protocol.states import STATES
 from tests.rigs.processes import eventually
 from tests.unit.mqttxt.test_metrics import FakeDrone, FakeFog, known
+from tests.unit.mqttxt.typed import refused
 
 FLYING = known(Battery(81), Location(47.4, 8.5, 500.0, 12.0), FlightMode(FlightModeName.HOLD))
 
@@ -138,15 +135,9 @@ async def test_what_has_changed_is_published_and_the_end_is_said(monkeypatch: py
     assert link.is_closed
 
 
-def test_names_of_fields_stand_alone() -> None:
-    names = [alone for state in STATES for alone in fields_of(state).values()]
-    assert len(set(names)) == len(names)
-
-
 def test_an_open_broker_elsewhere_has_to_be_asked_for() -> None:
-    done = CliRunner().invoke(app, ["gs", "homeassistant", "--fog", "1", "--broker", "mqtt://ha.example"])
-    assert done.exit_code == 2
-    assert "--broker mqtt://ha.example:1883: not encrypted; expected mqtts://, or --insecure-broker" in done.output
+    said = refused("gs", "homeassistant", "--fog", "1", "--broker", "mqtt://ha.example")
+    assert said == "--broker mqtt://ha.example:1883: not encrypted; expected mqtts://, or --insecure-broker"
 
 
 def test_a_sensor_that_makes_up_kinds_makes_no_entities_without_end() -> None:

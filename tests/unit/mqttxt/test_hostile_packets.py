@@ -16,17 +16,11 @@ from mqttxt.core.mqtt.buffered import Buffered
 from mqttxt.core.mqtt.properties import LARGEST_PACKET
 from tests.examples import first_quick
 from tests.rigs.linked import linked, state
-from tests.rigs.mqtt_server import PUBACK, PUBLISH, Packet, Server, encoded, publish, variable_length
+from tests.rigs.mqtt_server import PUBACK, Packet, Server, encoded, publish
 from tests.rigs.processes import eventually
+from tests.unit.mqttxt.test_mqtt_packets import PING, published
 
-PING = 12
 LAST = publish("t", b"last")
-
-
-def published(topic: bytes, properties: bytes, qos: int = 0) -> bytes:
-    mid = b"\0\x03" if qos else b""
-    name = len(topic).to_bytes(2, "big") + topic
-    return encoded(Packet(PUBLISH, qos << 1, name + mid + variable_length(len(properties)) + properties + b"x"))
 
 
 @pytest.mark.parametrize("aliases", [0, 10])
@@ -41,7 +35,7 @@ async def test_what_a_publisher_adds_to_its_message_counts_for_nothing(
 ) -> None:
     """paho takes 0.4 s for 64 KiB of user properties; three such messages a second stopped whoever heard them."""
     async with Server() as server, linked(server, aliases=aliases) as (_, heard):
-        server.sessions[0].send(published(b"t", properties, qos) + LAST)
+        server.sessions[0].send(published(b"t", properties, qos=qos) + LAST)
         await eventually(lambda: heard.connections == 2 or len(heard.messages) == 2, "both")
         assert heard.messages == [Inbound("t", b"x", qos), Inbound("t", b"last")]
         await eventually(lambda: len(server.sessions[0].of(PUBACK)) == qos, "its acknowledgement")

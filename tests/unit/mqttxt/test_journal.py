@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,12 @@ def _fill(path: Path) -> None:
     journal.close()
 
 
+def started(path: Path, *, with_front: bool = False) -> JournalFile:
+    """A journal as a client finds it that starts, and ends at once."""
+    with closing(JournalFile(path, with_front=with_front)) as journal:
+        return journal
+
+
 def test_open_ids_and_last_words_come_back_and_which_of_them_were_heard(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "journal"
     _fill(path)
@@ -43,9 +50,7 @@ def test_open_ids_and_last_words_come_back_and_which_of_them_were_heard(tmp_path
         Unfinished(DONE, "takeoff", Word.FAILED, "timeout", delivered=True),
     ]
     for _ in range(2):  # the file is made small at each start, and still says the same
-        journal = JournalFile(path)
-        assert journal.unfinished == expected
-        journal.close()
+        assert started(path).unfinished == expected
     assert len(path.read_text().splitlines()) == 3
 
 
@@ -58,8 +63,10 @@ def test_only_the_newest_of_the_heard_words_are_kept(tmp_path: Path) -> None:
         for effect in (Journal(CommandId(2, seq), "arm", Word.COMPLETED), Journal(CommandId(2, seq), "arm", done=True)):
             journal.record(effect)
     journal.close()
-    left = JournalFile(path).unfinished
-    assert [one.id for one in left] == [OPEN, *(CommandId(2, seq) for seq in range(3, MOST_DELIVERED + 3))]
+    assert [one.id for one in started(path).unfinished] == [
+        OPEN,
+        *(CommandId(2, seq) for seq in range(3, MOST_DELIVERED + 3)),
+    ]
 
 
 @pytest.mark.parametrize("cut", [1, 5, 60])
@@ -67,11 +74,10 @@ def test_a_line_that_a_power_loss_cut_off_costs_only_itself(tmp_path: Path, cut:
     path = tmp_path / "journal"
     _fill(path)
     path.write_bytes(path.read_bytes()[:-cut] + b"\xff")
-    journal = JournalFile(path)
+    journal = started(path)
     assert Unfinished(OPEN, "takeoff") in journal.unfinished
     assert [left.id for left in journal.unfinished] == [OPEN, SAID, DONE]
     assert not journal.has_gap
-    journal.close()
 
 
 def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path: Path) -> None:
@@ -81,10 +87,9 @@ def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path:
     first, *others = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join([first[:9] + b"\x00" + first[10:], *others]))
     for _ in range(3):  # the file is written anew at each start, and nobody knows more then
-        journal = JournalFile(path)
+        journal = started(path)
         assert [left.id for left in journal.unfinished] == [SAID, DONE]
         assert journal.has_gap
-        journal.close()
 
 
 def test_a_journal_that_the_disk_did_not_give_is_not_whole_once_it_was_replaced(
@@ -97,10 +102,9 @@ def test_a_journal_that_the_disk_did_not_give_is_not_whole_once_it_was_replaced(
         journal = JournalFile(path)
     journal.record(Journal(CommandId(2, 1), "land"))
     journal.close()
-    journal = JournalFile(path)
+    journal = started(path)
     assert [left.id for left in journal.unfinished] == [CommandId(2, 1)]
     assert journal.has_gap
-    journal.close()
 
 
 def test_a_removed_journal_knows_of_no_id_of_before_until_nobody_can_ask_for_one(tmp_path: Path) -> None:
@@ -128,19 +132,16 @@ def test_a_removed_journal_knows_of_no_id_of_before_until_nobody_can_ask_for_one
     assert journal.has_gap
     journal.close()
     path.write_bytes(path.read_bytes() + b'{"gap_s": 1')
-    journal = JournalFile(path, clock_s)
+    journal = started(path)
     assert not journal.has_gap
     assert [left.id.seq for left in journal.unfinished] == [0, 1, 2, 9]
-    journal.close()
 
 
 @pytest.mark.parametrize("age", ["-1", "1e400", "NaN", "true", '"1"', "9.5"])
 def test_a_gap_without_an_age_begins_now(tmp_path: Path, age: str) -> None:
     path = tmp_path / "journal"
     path.write_text(f'{{"gap_s": {age}}}\n')
-    journal = JournalFile(path)
-    assert journal.has_gap
-    journal.close()
+    assert started(path).has_gap
     assert path.read_text() == '{"gap_s": 0}\n'
 
 
@@ -159,9 +160,7 @@ def test_an_id_whose_last_word_cannot_be_read_stays_known_over_restarts(tmp_path
     opened, said, done = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join([opened, b"\x00" + said, done]))
     for _ in range(3):
-        journal = JournalFile(path)
-        assert journal.unfinished == [Unfinished(DONE, "takeoff", delivered=True)]
-        journal.close()
+        assert started(path).unfinished == [Unfinished(DONE, "takeoff", delivered=True)]
 
 
 def test_a_journal_that_another_process_has_is_left_alone(tmp_path: Path) -> None:
@@ -174,9 +173,7 @@ def test_a_journal_that_another_process_has_is_left_alone(tmp_path: Path) -> Non
     JournalFile(tmp_path / "drone.2").close()
     first.record(Journal(SAID, "takeoff"))
     first.close()
-    again = JournalFile(path)
-    assert [left.id for left in again.unfinished] == [OPEN, SAID]
-    again.close()
+    assert [left.id for left in started(path).unfinished] == [OPEN, SAID]
 
 
 def test_a_journal_that_cannot_be_written_is_named(tmp_path: Path) -> None:

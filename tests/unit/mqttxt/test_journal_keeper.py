@@ -20,6 +20,7 @@ from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.journal_keeper import JournalKeeper
 from mqttxt.protocol.messages import CommandId, Word
 from tests.rigs.processes import eventually
+from tests.unit.mqttxt.test_journal import started
 
 
 class Disk:
@@ -117,7 +118,7 @@ async def test_the_disk_is_asked_behind_what_follows_in_the_same_turn(client: Cl
 async def test_what_is_recorded_in_the_turn_of_the_end_is_on_the_disk(client: Client, tmp_path: Path) -> None:
     client.begin(1)
     await client.close()
-    assert [left.id.seq for left in JournalFile(client.copy(tmp_path)).unfinished] == [1]
+    assert [left.id.seq for left in started(client.copy(tmp_path)).unfinished] == [1]
 
 
 async def test_a_disk_that_stalls_delays_neither_a_command_nor_the_event_loop(client: Client, disk: Disk) -> None:
@@ -143,13 +144,12 @@ async def test_a_client_that_is_killed_while_the_disk_stalls_knows_what_it_had_b
     left_behind = client.copy(tmp_path)
     assert "completed" not in left_behind.read_text(), "the disk does not have it"
     disk.go_on()
-    left = JournalFile(left_behind, with_front=True)
+    left = started(left_behind, with_front=True)
     assert sorted(left.unfinished, key=lambda one: one.id.seq) == [
         Unfinished(CommandId(1, 1), "takeoff", Word.COMPLETED),
         Unfinished(CommandId(1, 2), "hold"),
     ]
     assert not left.has_gap
-    left.close()
 
 
 @pytest.mark.parametrize("how", ["gone", "of another boot", "a link", "not readable"])
@@ -169,10 +169,9 @@ async def test_without_its_front_a_killed_client_cannot_say_that_a_command_was_n
     else:
         (tmp_path / "boot_id").write_text(f"{'0' * 8}-0000-0000-0000-{'0' * 12}\n")
         monkeypatch.setattr(journal_front, "_BOOT_ID", tmp_path / "boot_id")
-    left = JournalFile(client.copy(tmp_path), with_front=True)
+    left = started(client.copy(tmp_path), with_front=True)
     assert [one.id.seq for one in left.unfinished] == [1]
     assert left.has_gap
-    left.close()
 
 
 async def test_a_client_that_ends_leaves_no_front_and_no_gap(tmp_path: Path, memory: Path) -> None:
@@ -180,10 +179,9 @@ async def test_a_client_that_ends_leaves_no_front_and_no_gap(tmp_path: Path, mem
     client.begin(1)
     await client.close()
     assert list(memory.iterdir()) == []
-    left = JournalFile(client.path, with_front=True)
+    left = started(client.path, with_front=True)
     assert [one.id.seq for one in left.unfinished] == [1]
     assert not left.has_gap
-    left.close()
 
 
 async def test_while_the_disk_takes_nothing_only_what_overrides_is_begun(client: Client, disk: Disk) -> None:
@@ -244,9 +242,8 @@ async def test_a_front_that_had_no_room_for_a_word_takes_none_back_that_the_disk
     monkeypatch.setattr(journal_front.Front, "clear", lambda self: None)  # killed before that
     disk.go_on()
     await eventually(lambda: "completed" in client.path.read_text(), "the disk has it")
-    left = JournalFile(client.copy(tmp_path), with_front=True)
+    left = started(client.copy(tmp_path), with_front=True)
     assert left.unfinished == [Unfinished(CommandId(1, 1), "takeoff", Word.COMPLETED)]
-    left.close()
 
 
 async def test_a_client_that_ends_opens_nothing_any_more(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from mqttxt.activator.leases import RESTORED_MS, Leases
 from mqttxt.protocol.control import Control, Registration
 
@@ -19,6 +21,12 @@ def registration(key: tuple[str, int], **fields: Any) -> Registration:
 def holders(leases: Leases, drones: tuple[int, ...] = (1, 2)) -> list[str | None]:
     held = [leases.holder(drone) for drone in drones]
     return [lease.key[0] if lease is not None else None for lease in held]
+
+
+@pytest.fixture
+def leases() -> Leases:
+    """Of a fog with drone 1."""
+    return Leases((1,))
 
 
 def test_the_first_station_that_wants_control_has_it_and_a_watcher_never() -> None:
@@ -66,18 +74,7 @@ def test_a_takeover_of_one_drone_keeps_control_of_the_others() -> None:
     assert holders(leases, (1, 2, 3)) == ["b", "b", "b"]
 
 
-def test_what_a_station_leaves_goes_to_the_next_that_wants_it() -> None:
-    leases = Leases((1,))
-    leases.register(registration(A), 0)
-    leases.register(registration(B), 0)
-    assert leases.end(A, 0) == {1}
-    assert holders(leases, (1,)) == ["b"]
-    assert leases.end(B, 0) == {1}
-    assert holders(leases, (1,)) == [None]
-
-
-def test_a_lapsed_lease_ends_control() -> None:
-    leases = Leases((1,))
+def test_a_lapsed_lease_ends_control(leases: Leases) -> None:
     leases.register(registration(A, lease_s=5), 0)
     leases.register(registration(B), 0)
     assert leases.tick(5000) == set()
@@ -85,8 +82,7 @@ def test_a_lapsed_lease_ends_control() -> None:
     assert holders(leases, (1,)) == ["b"]
 
 
-def test_a_renewal_that_was_stalled_prolongs_only_to_what_its_sender_meant() -> None:
-    leases = Leases((1,))
+def test_a_renewal_that_was_stalled_prolongs_only_to_what_its_sender_meant(leases: Leases) -> None:
     leases.register(registration(A, lease_s=30), 0)
     leases.register(registration(A, lease_s=30, until_ms=35_000), 20_000)
     leases.tick(35_001)
@@ -100,8 +96,7 @@ def test_a_drone_that_appears_later_is_controlled_too() -> None:
     assert leases.add(7, 0) == set()
 
 
-def test_after_a_restart_a_drone_is_kept_for_its_station_and_the_epoch_goes_on() -> None:
-    leases = Leases((1,))
+def test_after_a_restart_a_drone_is_kept_for_its_station_and_the_epoch_goes_on(leases: Leases) -> None:
     leases.restore(1, A, 4, 0)
     assert leases.register(registration(B), 10) == set()
     assert leases.register(registration(A), 20) == {1}
@@ -117,9 +112,8 @@ def test_a_takeover_after_a_restart_takes_what_is_kept_for_another_station() -> 
     assert leases.register(registration(A), 30) == set()
 
 
-def test_a_takeover_after_a_restart_takes_a_drone_that_has_not_been_seen_yet() -> None:
+def test_a_takeover_after_a_restart_takes_a_drone_that_has_not_been_seen_yet(leases: Leases) -> None:
     """It is not one of the configured ones, and only its record names it so far."""
-    leases = Leases((1,))
     leases.restore(7, A, 4, 0)
     leases.register(registration(B), 10)
     assert leases.register(registration(B, control=Control.TAKE, epoch=4), 20) == {7}
@@ -128,8 +122,7 @@ def test_a_takeover_after_a_restart_takes_a_drone_that_has_not_been_seen_yet() -
     assert (holders(leases, (7,)), leases.epoch(7)) == (["b"], 5)
 
 
-def test_a_drone_that_nobody_comes_back_for_is_given_away() -> None:
-    leases = Leases((1,))
+def test_a_drone_that_nobody_comes_back_for_is_given_away(leases: Leases) -> None:
     leases.restore(1, A, 4, 0)
     leases.register(registration(B), 10)
     assert leases.tick(RESTORED_MS) == set()
@@ -146,25 +139,22 @@ def test_want_of_topics_and_bundles_is_of_all_stations() -> None:
     assert (leases.want_topics, leases.want_bundles) == (True, True)
 
 
-def test_a_lapsed_lease_gives_no_control_before_the_next_tick_either() -> None:
+def test_a_lapsed_lease_gives_no_control_before_the_next_tick_either(leases: Leases) -> None:
     """A process that stood still reads what its sockets hold before it ticks."""
-    leases = Leases((1,))
     leases.register(registration(A, lease_s=5), 0)
     assert leases.refusal(1, 1, 0, 5000) is None
     assert leases.refusal(1, 1, 0, 5001) == "not_in_control"
 
 
-def test_a_registration_that_comes_after_its_end_takes_nothing() -> None:
-    leases = Leases((1,))
+def test_a_registration_that_comes_after_its_end_takes_nothing(leases: Leases) -> None:
     leases.register(registration(A), 0)
     late = registration(B, control=Control.TAKE, until_ms=9_999)
     assert leases.register(late, 10_000) == set()
     assert (holders(leases, (1,)), leases.epoch(1), B in leases) == (["a"], 0, False)
 
 
-def test_an_end_that_is_too_far_does_not_make_a_registration_one_of_the_future() -> None:
+def test_an_end_that_is_too_far_does_not_make_a_registration_one_of_the_future(leases: Leases) -> None:
     """Offboard goes on for 3 s behind the moment at which the newest registration was sent."""
-    leases = Leases((1,))
     leases.register(registration(A, lease_s=30, until_ms=10**9), 1000)
     lease = leases.holder(1)
     assert lease is not None

@@ -11,8 +11,12 @@ from mqttxt.protocol.messages import CommandId
 ONE, TWO = CommandId(1, 1), CommandId(1, 2)
 
 
-def test_an_id_is_new_once_and_then_a_duplicate_or_a_conflict() -> None:
-    ledger: Ledger[None] = Ledger()
+@pytest.fixture
+def ledger() -> Ledger[None]:
+    return Ledger()
+
+
+def test_an_id_is_new_once_and_then_a_duplicate_or_a_conflict(ledger: Ledger[None]) -> None:
     assert ledger.examine(ONE, Arm(), 5000, 0) is Admission.NEW
     ledger.enter(ONE, Arm(), None, 5000)
     assert ledger.examine(ONE, Arm(), 5000, 10) is Admission.DUPLICATE
@@ -20,8 +24,7 @@ def test_an_id_is_new_once_and_then_a_duplicate_or_a_conflict() -> None:
     assert ledger.examine(CommandId(2, 1), Arm(), 5000, 10) is Admission.NEW
 
 
-def test_an_outcome_is_kept_for_ten_minutes_after_the_deadline() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_an_outcome_is_kept_for_ten_minutes_after_the_deadline(ledger: Ledger[None]) -> None:
     ledger.close(ledger.enter(ONE, Arm(), None, 5000), 100)
     assert ledger.examine(ONE, Arm(), 5000, 5000 + KEEP_MS) is Admission.DUPLICATE
     assert ledger.examine(TWO, Arm(), 5000, 5000 + KEEP_MS) is Admission.NEW
@@ -30,8 +33,7 @@ def test_an_outcome_is_kept_for_ten_minutes_after_the_deadline() -> None:
     assert ledger.get(ONE) is None
 
 
-def test_an_outcome_that_was_closed_twice_is_kept_for_ten_minutes_after_the_second_time() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_an_outcome_that_was_closed_twice_is_kept_for_ten_minutes_after_the_second_time(ledger: Ledger[None]) -> None:
     entry = ledger.enter(ONE, Arm(), None, 0)
     for closed_ms in (0, 100, 100):
         ledger.close(entry, closed_ms)
@@ -44,8 +46,7 @@ def test_an_outcome_that_was_closed_twice_is_kept_for_ten_minutes_after_the_seco
     assert ledger.get(ONE) is entry, "it is open"
 
 
-def test_only_what_is_not_newer_than_a_forgotten_id_may_have_been_forgotten() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_only_what_is_not_newer_than_a_forgotten_id_may_have_been_forgotten(ledger: Ledger[None]) -> None:
     ledger.close(ledger.enter(TWO, Arm(), None, 0), 0)
     assert not ledger.may_have_forgotten(ONE)
     ledger.examine(ONE, Arm(), 5000, KEEP_MS + 1)
@@ -61,30 +62,22 @@ def test_a_ledger_notes_the_forgotten_of_so_many_sessions_as_it_has_places() -> 
     assert [ledger.may_have_forgotten(CommandId(session, 1)) for session in range(1, 6)] == [True, False, *[True] * 3]
 
 
-def test_an_open_entry_is_never_forgotten() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_an_open_entry_is_never_forgotten(ledger: Ledger[None]) -> None:
     ledger.enter(ONE, Arm(), None, 5000)
     ledger.examine(TWO, Arm(), 5000, 100 * KEEP_MS)
     assert [entry.id for entry in ledger.open_entries()] == [ONE]
 
 
-def test_a_full_ledger_denies_and_never_evicts() -> None:
+def test_a_full_ledger_denies_and_what_it_denied_is_not_executed_when_there_is_room() -> None:
     ledger: Ledger[None] = Ledger(capacity=1, keep_ms=10)
     ledger.close(ledger.enter(ONE, Arm(), None, 100), 0)
     assert ledger.examine(TWO, Arm(), 5000, 50) is Admission.FULL
-    assert ledger.get(ONE) is not None
-
-
-def test_what_was_denied_for_want_of_room_is_not_executed_when_there_is_room() -> None:
-    ledger: Ledger[None] = Ledger(capacity=1, keep_ms=10)
-    ledger.close(ledger.enter(ONE, Arm(), None, 100), 0)
-    ledger.examine(TWO, Arm(), 5000, 50)
+    assert ledger.get(ONE) is not None, "it never evicts"
     assert ledger.examine(TWO, Arm(), 5000, 3000) is Admission.FULL
     assert ledger.examine(CommandId(1, 3), Arm(), 9000, 5001) is Admission.NEW
 
 
-def test_an_id_from_a_journal_matches_any_contents() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_an_id_from_a_journal_matches_any_contents(ledger: Ledger[None]) -> None:
     ledger.close(ledger.enter(ONE, None, None, 0), 0)
     assert ledger.examine(ONE, Disarm(), 5000, 10) is Admission.DUPLICATE
 
@@ -110,8 +103,7 @@ def fill(ledger: Ledger[None], share: Share) -> int:
     raise AssertionError("never full")
 
 
-def test_outsiders_fill_their_share_and_what_halts_a_drone_finds_room_last() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_outsiders_fill_their_share_and_what_halts_a_drone_finds_room_last(ledger: Ledger[None]) -> None:
     assert fill(ledger, Share.OUTSIDERS) == CAPACITY // 4
     assert fill(ledger, Share.ORDINARY) == CAPACITY - CAPACITY // 4 - CAPACITY // 16
     assert fill(ledger, Share.OVERRIDING) == CAPACITY // 16
@@ -119,8 +111,7 @@ def test_outsiders_fill_their_share_and_what_halts_a_drone_finds_room_last() -> 
 
 
 @pytest.mark.parametrize("share", Share)
-def test_one_station_leaves_as_much_of_a_share_as_it_takes(share: Share) -> None:
-    ledger: Ledger[None] = Ledger()
+def test_one_station_leaves_as_much_of_a_share_as_it_takes(share: Share, ledger: Ledger[None]) -> None:
     first, second, third = (fill_by(ledger, share, station) for station in (1, 2, 3))
     assert first > 2 * third > 0
     assert abs(first - 2 * second) <= 1
@@ -133,38 +124,33 @@ def test_one_station_may_command_a_fog_37_times_per_second_for_good() -> None:
     assert taken > 37 * KEEP_MS / 1000
 
 
-def test_one_station_that_fills_all_it_can_leaves_the_others_room_for_everything() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_one_station_that_fills_all_it_can_leaves_the_others_room_for_everything(ledger: Ledger[None]) -> None:
     for share in Share:
         fill_by(ledger, share, 1)
     for share in Share:
         assert fill_by(ledger, share, 2) > 500
 
 
-def test_who_is_denied_for_want_of_room_bars_itself_alone() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_who_is_denied_for_want_of_room_bars_itself_alone(ledger: Ledger[None]) -> None:
     fill_by(ledger, Share.ORDINARY, 1)
     assert ledger.examine(ONE, Arm(), 60_000, 0, Share.ORDINARY, 1) is Admission.FULL
     assert ledger.examine(TWO, Arm(), 5000, 0, Share.ORDINARY, 2) is Admission.NEW
 
 
-def test_outsiders_without_room_hear_nothing_and_bar_nobody() -> None:
+def test_outsiders_without_room_hear_nothing_and_bar_nobody(ledger: Ledger[None]) -> None:
     """What is denied must not be executed later; what was not answered may be, by a station that took control."""
-    ledger: Ledger[None] = Ledger()
     fill(ledger, Share.OUTSIDERS)
     assert ledger.examine(ONE, Arm(), 5000, 0, Share.OUTSIDERS) is Admission.IGNORED
     assert ledger.examine(ONE, Arm(), 5000, 0, Share.ORDINARY) is Admission.NEW
 
 
-def test_an_ordinary_command_that_is_denied_bars_no_landing() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_an_ordinary_command_that_is_denied_bars_no_landing(ledger: Ledger[None]) -> None:
     fill(ledger, Share.ORDINARY)
     assert ledger.examine(ONE, Arm(), 5000, 0, Share.ORDINARY) is Admission.FULL
     assert ledger.examine(TWO, Land(), 5000, 0, Share.of(Land(), in_control=True)) is Admission.NEW
 
 
-def test_room_comes_back_with_time() -> None:
-    ledger: Ledger[None] = Ledger()
+def test_room_comes_back_with_time(ledger: Ledger[None]) -> None:
     fill(ledger, Share.OUTSIDERS)
     assert ledger.examine(ONE, Arm(), 5000, KEEP_MS + 101, Share.OUTSIDERS) is Admission.NEW
     assert ledger.entries() == []

@@ -85,6 +85,12 @@ class Ground:
         kept: list[Log] = self.flight.vehicle.autopilot.logs.kept
         return kept
 
+    def only(self, log: Log) -> FlightLog:
+        """Let the autopilot have this log alone; as it is listed."""
+        self.kept[:] = [log]
+        (listed,) = self.list()
+        return listed
+
     def list(self) -> tuple[FlightLog, ...]:
         fetching = Fetching(self.flight.gs.fog(1), 1, LOGS)
         asyncio.run(self.station.transfer(fetching, None))
@@ -133,6 +139,11 @@ class Ground:
                 write(effect)
 
         self.flight._hear, self.flight._write = some, sometimes  # type: ignore[method-assign]
+
+
+@pytest.fixture
+def ground(tmp_path: Path) -> Ground:
+    return Ground(tmp_path)
 
 
 # -- all of it --------------------------------------------------------------------------------------------------------
@@ -212,8 +223,7 @@ def _delay_s(flight: Flight) -> float:
 def test_a_transfer_that_is_cut_anywhere_goes_on_where_it_was(like: str, who: str, tmp_path: Path) -> None:
     """Every second of it; what was read is read again up to one block, and what was carried not at all."""
     ground = Ground(tmp_path, like)
-    ground.kept[:] = [LONG]
-    log = ground.list()[0]
+    log = ground.only(LONG)
     cuts = 0
     for _ in range(200):
         until_ms = ground.flight.now_ms + 1000
@@ -235,10 +245,8 @@ def test_a_transfer_that_is_cut_anywhere_goes_on_where_it_was(like: str, who: st
 
 
 @pytest.mark.long
-def test_an_autopilot_that_starts_anew_is_listed_anew_and_gives_its_last_bytes_again(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
-    ground.kept[:] = [LONG]
-    log = ground.list()[0]
+def test_an_autopilot_that_starts_anew_is_listed_anew_and_gives_its_last_bytes_again(ground: Ground) -> None:
+    log = ground.only(LONG)
     _stop_behind(ground, log, 2 * BLOCK_BYTES)
     before = ground.read_bytes()
     ground.flight.uav.vehicle.boots.restarts += 1
@@ -248,10 +256,8 @@ def test_an_autopilot_that_starts_anew_is_listed_anew_and_gives_its_last_bytes_a
 
 
 @pytest.mark.long
-def test_what_was_read_of_another_log_with_the_same_number_is_not_mixed_into_it(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
-    ground.kept[:] = [LONG]
-    log = ground.list()[0]
+def test_what_was_read_of_another_log_with_the_same_number_is_not_mixed_into_it(ground: Ground) -> None:
+    log = ground.only(LONG)
     _stop_behind(ground, log, 2 * BLOCK_BYTES)
     other = Log(LONG.time_s, bytes(reversed(LONG.data)))
     ground.kept[:] = [other]
@@ -271,8 +277,7 @@ def _stop_behind(ground: Ground, log: FlightLog, done: int) -> None:
 
 
 @pytest.mark.long
-def test_a_log_that_grows_is_given_as_long_as_it_was_listed(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_a_log_that_grows_is_given_as_long_as_it_was_listed(ground: Ground) -> None:
     log = ground.list()[1]
     before = ground.kept[1].data
     ground.kept[1] = Log(ground.kept[1].time_s + 60, before + bytes(5000))
@@ -282,16 +287,14 @@ def test_a_log_that_grows_is_given_as_long_as_it_was_listed(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     "now", [[], [made_up(5, 40_000)], [made_up(1_767_225_600, 39_999)], [made_up(9, 50_000), made_up(2**31, 7)]]
 )
-def test_a_log_that_is_not_there_any_more_is_refused(now: list[Log], tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_a_log_that_is_not_there_any_more_is_refused(now: list[Log], ground: Ground) -> None:
     log = ground.list()[0]
     ground.kept[:] = now
     with pytest.raises(TransferFailed, match="no_such_log"):
         ground.get(log)
 
 
-def test_logs_that_change_while_one_is_read_are_noticed_at_the_end(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_logs_that_change_while_one_is_read_are_noticed_at_the_end(ground: Ground) -> None:
     log = ground.list()[0]
 
     def erased() -> bool:
@@ -312,8 +315,7 @@ def test_an_autopilot_without_logs_has_an_empty_list(like: str, tmp_path: Path) 
     assert ground.list() == ()
 
 
-def test_an_autopilot_that_says_nothing_of_logs_is_asked_a_few_times(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_an_autopilot_that_says_nothing_of_logs_is_asked_a_few_times(ground: Ground) -> None:
     log = ground.list()[0]
     ground.flight.vehicle.muted = {"LOG_ENTRY", "LOG_DATA"}
     ground.flight.fly(2)
@@ -326,8 +328,7 @@ def test_an_autopilot_that_says_nothing_of_logs_is_asked_a_few_times(tmp_path: P
 
 
 @pytest.mark.long
-def test_an_autopilot_that_is_silent_for_a_while_is_waited_for_and_not_asked(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_an_autopilot_that_is_silent_for_a_while_is_waited_for_and_not_asked(ground: Ground) -> None:
     log = ground.list()[1]
 
     def silent() -> bool:
@@ -347,8 +348,7 @@ def test_an_autopilot_that_is_silent_for_a_while_is_waited_for_and_not_asked(tmp
 # -- in flight --------------------------------------------------------------------------------------------------------
 
 
-def test_nothing_is_asked_of_an_armed_autopilot_and_what_is_there_is_given_in_flight(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_nothing_is_asked_of_an_armed_autopilot_and_what_is_there_is_given_in_flight(ground: Ground) -> None:
     listed = ground.list()
     assert ground.get(listed[0]) == ground.kept[0].data
     ground.flight.set(armed=True)
@@ -366,8 +366,7 @@ def test_nothing_is_asked_of_an_armed_autopilot_and_what_is_there_is_given_in_fl
 @pytest.mark.parametrize("like", first_quick(KINDS))
 def test_arming_ends_the_reading_and_disarmed_it_goes_on_where_it_was(like: str, tmp_path: Path) -> None:
     ground = Ground(tmp_path, like)
-    ground.kept[:] = [LONG]
-    log = ground.list()[0]
+    log = ground.only(LONG)
 
     def armed() -> bool:
         if ground.done(log) > 2 * BLOCK_BYTES and not ground.flight.vehicle.autopilot.armed:
@@ -392,8 +391,7 @@ def test_arming_ends_the_reading_and_disarmed_it_goes_on_where_it_was(like: str,
 def test_a_command_goes_before_a_log(like: str, tmp_path: Path) -> None:
     """The autopilot is told to stop, then gets the command, and is asked for nothing more for two seconds."""
     ground = Ground(tmp_path, like)
-    ground.kept[:] = [LONG]
-    log = ground.list()[0]
+    log = ground.only(LONG)
     at_ms: list[int] = []
 
     def commanded() -> bool:
@@ -414,10 +412,8 @@ def test_a_command_goes_before_a_log(like: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_an_autopilot_is_asked_for_little_at_a_time(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
-    ground.kept[:] = [LONG]
-    log = ground.list()[0]
+def test_an_autopilot_is_asked_for_little_at_a_time(ground: Ground) -> None:
+    log = ground.only(LONG)
     begun_ms = ground.flight.now_ms
     assert ground.get(log) == LONG.data
     counts = [one.count for one in ground.asked() if one.get_type() == "LOG_REQUEST_DATA"]
@@ -428,12 +424,10 @@ def test_an_autopilot_is_asked_for_little_at_a_time(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_log_that_nobody_asks_for_any_more_is_read_no_further(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ground: Ground, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reader, "WANTED_MS", 3000)
-    ground = Ground(tmp_path)
-    ground.kept[:] = [made_up(5, 800_000)]
-    log = ground.list()[0]
+    log = ground.only(made_up(5, 800_000))
     _stop_behind(ground, log, 1000)
     ground.flight.fly(2)
     assert ground.done(log) > 60_000
@@ -447,8 +441,7 @@ def test_a_log_that_nobody_asks_for_any_more_is_read_no_further(
 
 
 @pytest.mark.long
-def test_a_full_disk_ends_a_reading_with_that_word(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_a_full_disk_ends_a_reading_with_that_word(ground: Ground) -> None:
     log = ground.list()[0]
     ground.files._reserve_bytes = 2**60
     with pytest.raises(TransferFailed, match="disk_full"):
@@ -468,9 +461,8 @@ def test_a_list_that_is_longer_than_memory_allows_is_not_taken(tmp_path: Path) -
 # -- the station's disk -----------------------------------------------------------------------------------------------
 
 
-def test_what_is_not_the_log_is_never_a_file(tmp_path: Path) -> None:
+def test_what_is_not_the_log_is_never_a_file(tmp_path: Path, ground: Ground) -> None:
     """A drone that compresses more than it said, or something else."""
-    ground = Ground(tmp_path)
     log = ground.list()[0]
     for wrong in (zlib.compress(bytes(10_000_000)), zlib.compress(bytes(39_999)), os.urandom(500)):
         for path in ground.files.folder.iterdir():
@@ -481,8 +473,7 @@ def test_what_is_not_the_log_is_never_a_file(tmp_path: Path) -> None:
         assert [path.name for path in tmp_path.iterdir()] == ["drone"]
 
 
-def test_a_disk_that_changed_what_had_come_begins_anew(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_a_disk_that_changed_what_had_come_begins_anew(tmp_path: Path, ground: Ground) -> None:
     log = ground.list()[0]
     ground.station.cut = lambda: bool(ground.told) and ground.told[-1].is_at_drone and ground.told[-1].done > 3000
     with pytest.raises(TransferFailed, match="cut"):
@@ -493,8 +484,7 @@ def test_a_disk_that_changed_what_had_come_begins_anew(tmp_path: Path) -> None:
     assert ground.get(log) == ground.kept[0].data
 
 
-def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
-    ground = Ground(tmp_path)
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, ground: Ground) -> None:
     ground.target = tmp_path / "nowhere" / "flight.log"
     with pytest.raises(ConfigurationError, match=r"nowhere/flight\.log: No such file or directory"):
         ground.get(ground.list()[0])

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
 from mqttxt import FlightLog, LogProgress, TransferFailed
 from mqttxt.cli import station
 from mqttxt.cli.common import run_coroutine
-from mqttxt.cli.main import app
+from tests.unit.mqttxt.typed import refused, typed
 
 
 class Drone:
@@ -44,18 +43,14 @@ def drone(monkeypatch: pytest.MonkeyPatch) -> Drone:
     return there
 
 
-def typed(*words: str) -> Result:
-    return CliRunner().invoke(app, ["gs", "logs", *words, "--drone", "3"])
-
-
 def test_a_list_has_numbers_bytes_and_times(drone: Drone) -> None:
-    lines = typed("list").stdout.splitlines()
+    lines = typed("gs", "logs", "list", "--drone", 3).stdout.splitlines()
     assert [line.split() for line in lines] == [["1", "500", "-"], ["12", "4294967295", "2026-01-01", "00:00:00"]]
 
 
 def test_how_far_a_log_is_goes_to_stderr_now_and_then(drone: Drone, tmp_path: Path) -> None:
     file = tmp_path / "flight.ulg"
-    result = typed("get", "1", str(file), "--most-kib-s", "2")
+    result = typed("gs", "logs", "get", 1, file, "--most-kib-s", 2, "--drone", 3)
     assert (result.exit_code, result.stdout) == (0, f"{file}: 500 bytes\n")
     assert result.stderr == "0 of 500 bytes read from the autopilot\n"
     assert (file.stat().st_size, drone.asked) == (500, [2048])
@@ -63,19 +58,18 @@ def test_how_far_a_log_is_goes_to_stderr_now_and_then(drone: Drone, tmp_path: Pa
 
 def test_what_cannot_be_is_one_line_and_nothing_is_asked(drone: Drone, tmp_path: Path) -> None:
     for words, line in (
-        (("7", str(tmp_path / "a")), "log 7: drone 3 has no such log; its logs: 1, 12"),
-        (("1", str(tmp_path / "b" / "a")), f"{tmp_path}/b/a: expected a file in a folder that exists"),
-        (("1", str(tmp_path / "a"), "--most-kib-s", "0"), "--most-kib-s 0: expected 1 or more"),
+        ((7, tmp_path / "a"), "log 7: drone 3 has no such log; its logs: 1, 12"),
+        ((1, tmp_path / "b" / "a"), f"{tmp_path}/b/a: expected a file in a folder that exists"),
+        ((1, tmp_path / "a", "--most-kib-s", 0), "--most-kib-s 0: expected 1 or more"),
     ):
-        result = typed("get", *words)
-        assert (result.exit_code, result.stdout, result.stderr) == (2, "", f"mqttxt: {line}\n")
+        assert refused("gs", "logs", "get", *words, "--drone", 3) == line
     assert drone.asked == []
 
 
 def test_an_armed_drone_is_said_to_have_to_be_disarmed(drone: Drone, tmp_path: Path) -> None:
     drone.refused = TransferFailed("drone 3: logs: armed", "armed")
-    for words in (["list"], ["get", "1", str(tmp_path / "a")]):
-        result = typed(*words)
+    for words in (("list",), ("get", 1, tmp_path / "a")):
+        result = typed("gs", "logs", *words, "--drone", 3)
         assert (result.exit_code, result.stderr) == (
             1,
             "mqttxt: drone 3: logs: armed; expected a disarmed drone\n",
@@ -83,6 +77,5 @@ def test_an_armed_drone_is_said_to_have_to_be_disarmed(drone: Drone, tmp_path: P
 
 
 def test_a_folder_of_no_bytes_is_refused() -> None:
-    words = ["uav", "--drone", "1", "--broker", "mqtt://127.0.0.1:1", "--logs-limit-mb", "0"]
-    result = CliRunner().invoke(app, words)
-    assert (result.exit_code, result.stderr) == (2, "mqttxt: --logs-limit-mb 0: expected 1 or more\n")
+    said = refused("uav", "--drone", 1, "--broker", "mqtt://127.0.0.1:1", "--logs-limit-mb", 0)
+    assert said == "--logs-limit-mb 0: expected 1 or more"

@@ -37,6 +37,7 @@ from mqttxt.core.floods import MOST_READINGS
 from mqttxt.errors import ConfigurationError
 from mqttxt.metrics import _WORDS, FleetCollector, serve
 from mqttxt.protocol.state_fields import fields_of
+from tests.rigs.loopback import free_port
 
 DASHBOARD = Path(__file__).resolve().parents[3] / "docs" / "grafana" / "fleet.json"
 
@@ -65,9 +66,7 @@ def known(*states: State, age_ms: int | None = 1500) -> dict[str, KnownState[Sta
 
 async def scraped(*fogs: FakeFog) -> dict[tuple[str, tuple[tuple[str, str], ...]], float]:
     """Every sample by its name and labels, as Prometheus reads them."""
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        port = sock.getsockname()[1]
+    port = free_port()
     serve(cast("list[Fog]", list(fogs)), "127.0.0.1", port)
 
     def read() -> str:
@@ -160,9 +159,7 @@ async def test_an_address_of_ipv6_is_named_as_it_is_typed() -> None:
     ],
 )
 async def test_another_name_for_this_address_is_refused(host: str, status: int) -> None:
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        port = sock.getsockname()[1]
+    port = free_port()
     serve([], "127.0.0.1", port)
 
     def answered() -> int:

@@ -56,18 +56,21 @@ def test_a_broker_reads_what_was_published(
 @examples(100)
 @given(st.lists(st.tuples(TOPICS, PAYLOADS), max_size=5), st.integers(0, 2000))
 def test_messages_are_taken_once_they_are_whole(said: list[tuple[str, bytes]], cut: int) -> None:
-    data = b"".join(_published(topic, payload) for topic, payload in said)
+    data = b"".join(published(topic.encode(), payload=payload) for topic, payload in said)
     first, end = taken(data[:cut])
     second, rest = taken(data[end:])
     assert first + second == said
     assert end + rest == len(data)
 
 
-def _published(topic: str, payload: bytes, properties: bytes = b"", flags: int = 0) -> bytes:
-    name = topic.encode()
-    mid = b"\0\x03" if flags & 6 else b""
+def published(
+    topic: bytes, properties: bytes = b"", payload: bytes = b"x", *, qos: int = 0, retain: bool = False
+) -> bytes:
+    """A PUBLISH with any topic and properties."""
+    name = len(topic).to_bytes(2, "big") + topic
+    mid = b"\0\x03" if qos else b""
     length = variable_length(len(properties))
-    return encoded(Packet(PUBLISH, flags, len(name).to_bytes(2, "big") + name + mid + length + properties + payload))
+    return encoded(Packet(PUBLISH, qos << 1 | retain, name + mid + length + properties + payload))
 
 
 @given(st.binary(max_size=60))
@@ -93,10 +96,10 @@ async def test_messages_come_in_order_whoever_reads_them_and_in_whatever_pieces(
     with_properties = b"\x26\x00\x01a\x00\x01b"
     said = [
         mqtt_server.publish("t", b"plain"),
-        _published("t", b"properties", with_properties),
+        published(b"t", with_properties, b"properties"),
         mqtt_server.publish("t", b"acknowledged", qos=1, mid=3),
-        _published("t", b"retained", flags=0x01),
-        _published("t", b"retained, acknowledged", with_properties, flags=0x03),
+        published(b"t", payload=b"retained", retain=True),
+        published(b"t", with_properties, b"retained, acknowledged", qos=1, retain=True),
         mqtt_server.publish("t", bytes(40_000)),
         *(mqtt_server.publish("t", str(number).encode()) for number in range(1000)),
         mqtt_server.publish("t", b"last", qos=1, mid=4),

@@ -50,6 +50,12 @@ class Flight(Bench):
         return self
 
 
+@pytest.fixture
+def flight() -> Flight:
+    """One that has begun."""
+    return Flight().engage()
+
+
 def test_set_points_come_before_the_mode_and_all_within_the_deadline() -> None:
     flight = Flight()
     out = [*flight.start(1, NORTH, deadline_ms=5000), *flight.fly_until(500)]
@@ -66,14 +72,12 @@ def test_set_points_come_at_twenty_hertz() -> None:
     assert len(set_points(out)) == 21
 
 
-def test_a_tick_that_is_early_or_late_by_a_little_misses_no_set_point() -> None:
-    flight = Flight().engage()
+def test_a_tick_that_is_early_or_late_by_a_little_misses_no_set_point(flight: Flight) -> None:
     times = [500 + 50 * n + wobble for n, wobble in enumerate([0, -2, 3, -1, 9, -2, 0, -3, 1, 0], start=1)]
     assert all(len(set_points(flight.executor.tick(now_ms))) == 1 for now_ms in times)
 
 
-def test_without_a_tick_for_long_there_is_no_burst_of_what_was_missed() -> None:
-    flight = Flight().engage()
+def test_without_a_tick_for_long_there_is_no_burst_of_what_was_missed(flight: Flight) -> None:
     flight.now_ms = 2000
     assert len(set_points(flight.executor.tick(2000))) == 1
     assert set_points(flight.executor.tick(2030)) == []
@@ -99,8 +103,7 @@ def test_an_attitude_is_a_quaternion_with_its_thrust() -> None:
     assert quaternion(0.0, 30.0, 0.0) == pytest.approx([0.9659, 0.0, 0.2588, 0.0], abs=1e-4)
 
 
-def test_at_the_end_of_the_duration_the_drone_holds_and_then_the_set_points_stop() -> None:
-    flight = Flight().engage()
+def test_at_the_end_of_the_duration_the_drone_holds_and_then_the_set_points_stop(flight: Flight) -> None:
     out = flight.fly_until(10_400)
     assert written(out) == []
     assert len(set_points(out)) == 198
@@ -115,29 +118,25 @@ def test_at_the_end_of_the_duration_the_drone_holds_and_then_the_set_points_stop
     assert flight.fly_until(12_000) == []
 
 
-def test_hold_is_commanded_again_until_the_mode_has_changed() -> None:
-    flight = Flight().engage()
+def test_hold_is_commanded_again_until_the_mode_has_changed(flight: Flight) -> None:
     out = flight.fly_until(12_000)
     assert written(out) == [MODE, MODE, MODE, MODE]
 
 
-def test_set_points_stop_all_the_same_when_the_mode_does_not_change_back() -> None:
-    flight = Flight().engage()
+def test_set_points_stop_all_the_same_when_the_mode_does_not_change_back(flight: Flight) -> None:
     out = flight.fly_until(14_000)
     assert said(out) == [(1, Word.FAILED, "no_hold")]
     assert set_points(flight.fly_until(16_000)) == []
 
 
-def test_without_a_newer_lease_it_ends_three_seconds_after_its_start() -> None:
-    flight = Flight().engage()
+def test_without_a_newer_lease_it_ends_three_seconds_after_its_start(flight: Flight) -> None:
     flight.executor.lease.offboard_until_ms = None
     assert written(flight.fly_until(3000, keep_lease=False)) == []
     assert written(flight.fly_until(3050, keep_lease=False)) == [MODE]
     assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "lease_lost")]
 
 
-def test_an_offboard_lease_that_lapses_ends_it() -> None:
-    flight = Flight().engage()
+def test_an_offboard_lease_that_lapses_ends_it(flight: Flight) -> None:
     flight.fly_until(6000)
     assert flight.executor.lease.offboard_until_ms == 8950
     assert written(flight.fly_until(8950, keep_lease=False)) == []
@@ -146,8 +145,7 @@ def test_an_offboard_lease_that_lapses_ends_it() -> None:
 
 
 @pytest.mark.parametrize("until_ms", [None, 4000])
-def test_it_ends_with_the_control_lease(until_ms: int | None) -> None:
-    flight = Flight().engage()
+def test_it_ends_with_the_control_lease(until_ms: int | None, flight: Flight) -> None:
     flight.fly_until(4000)
     flight.executor.lease.until_ms = until_ms
     flight.fly_until(4050)
@@ -161,8 +159,7 @@ def test_without_control_it_does_not_begin(until_ms: int | None) -> None:
     assert said(flight.start(1, NORTH)) == [(1, Word.DENIED, "no_lease")]
 
 
-def test_it_ends_when_another_station_takes_control() -> None:
-    flight = Flight().engage()
+def test_it_ends_when_another_station_takes_control(flight: Flight) -> None:
     flight.fly_until(4000)
     flight.executor.lease.holder_session = 2
     assert written(flight.fly_until(4050)) == [MODE]
@@ -170,14 +167,12 @@ def test_it_ends_when_another_station_takes_control() -> None:
     assert said(flight.start(2, NORTH)) == [(2, Word.DENIED, "no_lease")]
 
 
-def test_a_pilots_mode_stops_the_set_points_at_once_and_nothing_is_commanded() -> None:
-    flight = Flight().engage()
+def test_a_pilots_mode_stops_the_set_points_at_once_and_nothing_is_commanded(flight: Flight) -> None:
     assert said(flight.hear(heartbeat(armed=True, main=3, sub=0))) == [(1, Word.FAILED, "mode_changed")]
     assert flight.fly_until(5000) == []
 
 
-def test_a_pilots_mode_while_it_stops_is_not_overridden() -> None:
-    flight = Flight().engage()
+def test_a_pilots_mode_while_it_stops_is_not_overridden(flight: Flight) -> None:
     flight.fly_until(10_500)
     assert said(flight.hear(heartbeat(armed=True, main=3, sub=0))) == [(1, Word.COMPLETED, None)]
     assert flight.fly_until(13_000) == []
@@ -186,8 +181,7 @@ def test_a_pilots_mode_while_it_stops_is_not_overridden() -> None:
 @pytest.mark.parametrize(
     ("newer", "number"), [(Hold(), REPOSITION), (Land(), LAND), (Goto(47.4, 8.5, 10.0), REPOSITION)]
 )
-def test_a_later_flight_command_takes_over_when_it_is_accepted(newer: Any, number: int) -> None:
-    flight = Flight().engage()
+def test_a_later_flight_command_takes_over_when_it_is_accepted(newer: Any, number: int, flight: Flight) -> None:
     assert written(flight.start(2, newer)) == [number]
     assert len(set_points(flight.fly_until(600))) == 2
     source = Source.HALT if isinstance(newer, Hold) else Source.COMPANION
@@ -195,15 +189,13 @@ def test_a_later_flight_command_takes_over_when_it_is_accepted(newer: Any, numbe
     assert set_points(flight.fly_until(2000)) == []
 
 
-def test_a_flight_command_that_is_refused_leaves_it_flying() -> None:
-    flight = Flight().engage()
+def test_a_flight_command_that_is_refused_leaves_it_flying(flight: Flight) -> None:
     flight.start(2, Land())
     assert said(flight.hear(ack(LAND, 2))) == [(2, Word.DENIED, "autopilot")]
     assert len(set_points(flight.fly_until(1000))) == 10
 
 
-def test_a_lease_that_ends_while_a_landing_is_sent_does_not_hold_against_it() -> None:
-    flight = Flight().engage()
+def test_a_lease_that_ends_while_a_landing_is_sent_does_not_hold_against_it(flight: Flight) -> None:
     flight.executor.lease.offboard_until_ms = None
     flight.fly_until(2900, keep_lease=False)
     flight.start(2, Land())
@@ -212,8 +204,7 @@ def test_a_lease_that_ends_while_a_landing_is_sent_does_not_hold_against_it() ->
     assert flight.fly_until(4000) == []
 
 
-def test_a_newer_offboard_command_goes_on_from_the_older_without_a_gap() -> None:
-    flight = Flight().engage()
+def test_a_newer_offboard_command_goes_on_from_the_older_without_a_gap(flight: Flight) -> None:
     out = flight.start(2, Offboard(5.0, velocity=Velocity(0.0, 3.0, 0.0)))
     assert written(out) == [MODE]
     assert set_points(flight.fly_until(550))[0].message.vx == 2.0
@@ -272,15 +263,13 @@ def test_its_limit_ends_it_before_its_duration() -> None:
     assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "timeout")]
 
 
-def test_a_silent_autopilot_is_told_to_hold_and_nobody_knows() -> None:
-    flight = Flight().engage()
+def test_a_silent_autopilot_is_told_to_hold_and_nobody_knows(flight: Flight) -> None:
     out = [o for now_ms in range(550, 7000, 50) for o in flight.executor.tick(now_ms)]
     assert MODE in written(out)
     assert said(out) == [(1, Word.UNCONFIRMED, "autopilot_lost")]
 
 
-def test_a_drone_that_is_disarmed_is_not_flown_any_more() -> None:
-    flight = Flight().engage()
+def test_a_drone_that_is_disarmed_is_not_flown_any_more(flight: Flight) -> None:
     assert written(flight.hear(heartbeat(armed=False, main=6, sub=0))) == [MODE]
     assert said(flight.hear(heartbeat(armed=False))) == [(1, Word.FAILED, "disarmed")]
 
@@ -290,8 +279,7 @@ def test_a_process_that_ends_leaves_the_drone_in_hold(begun: Callable[[Flight], 
     assert written(begun(Flight()).executor.leave(0)) == held
 
 
-def test_a_process_that_ends_repeats_the_hold_and_brakes() -> None:
-    flight = Flight().engage()
+def test_a_process_that_ends_repeats_the_hold_and_brakes(flight: Flight) -> None:
     flight.fly_until(2000)
     assert written(flight.executor.leave(flight.now_ms)) == [MODE]
     out = flight.fly_until(2900)
@@ -299,8 +287,7 @@ def test_a_process_that_ends_repeats_the_hold_and_brakes() -> None:
     assert {point.message.vx for point in set_points(out)} == {0.0}
 
 
-def test_a_process_that_stood_still_commands_no_hold_before_a_fresh_heartbeat() -> None:
-    flight = Flight().engage()
+def test_a_process_that_stood_still_commands_no_hold_before_a_fresh_heartbeat(flight: Flight) -> None:
     flight.fly_until(2000)
     flight.hear(in_offboard())
     flight.now_ms = 22_000  # PX4 left offboard long ago, and a pilot may fly
@@ -317,8 +304,7 @@ def test_a_process_that_stood_still_commands_no_hold_before_a_fresh_heartbeat() 
     assert MODE in written([*out, *still.fly_until(16_000)])
 
 
-def test_a_command_after_the_flight_does_not_wait_for_acknowledgements_that_have_come() -> None:
-    flight = Flight().engage()
+def test_a_command_after_the_flight_does_not_wait_for_acknowledgements_that_have_come(flight: Flight) -> None:
     flight.fly_until(10_500)
     flight.hear(ack(MODE), ack(MODE), in_hold())
     assert written(flight.start(2, Return())) == [MODE]

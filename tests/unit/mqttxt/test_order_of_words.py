@@ -84,8 +84,7 @@ def contradictions(said: Iterable[tuple[Any, Word]]) -> list[Any]:
 def test_no_station_hears_a_definite_no_behind_a_first_word_whatever_is_restarted_full_or_lost(
     steps: list[tuple[Any, ...]], qos: int
 ) -> None:
-    world = World(qos=qos).start()
-    world.pass_time(1000)
+    world = World(qos=qos).start(1000)
     play(world, steps)
     world.drop = set()
     world.pass_time(70_000, step_ms=500)
@@ -107,8 +106,7 @@ def test_no_station_hears_a_definite_no_behind_a_first_word_whatever_is_restarte
 
 @given(STEPS)
 def test_nothing_is_written_to_the_autopilot_that_the_journal_does_not_have(steps: list[tuple[Any, ...]]) -> None:
-    world = World().start()
-    world.pass_time(1000)
+    world = World().start(1000)
     order: list[Any] = []
     takes, write = world.disk.takes, world._write
 
@@ -127,8 +125,7 @@ def test_nothing_is_written_to_the_autopilot_that_the_journal_does_not_have(step
 
 
 def test_a_command_that_the_disk_does_not_take_is_denied_and_never_sent() -> None:
-    world = World().start()
-    world.pass_time(1000)
+    world = World().start(1000)
     world.disk.is_full = True
     world.send(Arm())
     world.pass_time(3000)
@@ -141,8 +138,7 @@ def test_a_command_that_the_disk_does_not_take_is_denied_and_never_sent() -> Non
 
 
 def test_what_was_accepted_before_the_disk_filled_is_unconfirmed_after_a_restart_and_not_expired() -> None:
-    world = World().start()
-    world.pass_time(1000)
+    world = World().start(1000)
     world.send(Arm())
     world.autopilot(ack(400))
     world.disk.is_full = True
@@ -174,8 +170,7 @@ def test_an_activator_and_a_station_make_a_contradiction_unconfirmed(first: Word
     said = [decode(ResultMessage, e.payload) for e in bench.result(no) if isinstance(e, Publish)]
     assert [(one.word, one.reason) for one in said] == [(Word.UNCONFIRMED, f"{no.label} after {first.label}")]
 
-    world = World().start()
-    world.pass_time(1000)
+    world = World().start(1000)
     world.drop = {"arm"}
     command_id = world.send(Arm())
     world.drop = set()

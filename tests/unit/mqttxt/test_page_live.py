@@ -59,106 +59,106 @@ class Bench:
         return self.live.on_request(json.dumps(asked | more))
 
 
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    async with Bench().running() as running:
+        yield running
+
+
 def newest(viewer: Viewer) -> dict[str, Any]:
     order: dict[str, Any] = viewer.take()["orders"][-1]
     return order
 
 
-async def test_a_browser_is_sent_everything_once_and_then_what_changes() -> None:
-    async with Bench().running() as bench:
-        first = bench.viewer.take()
-        assert first["hello"]["station"] == "page"
-        assert [drone["drone"] for drone in first["drones"]] == [1, 2]
-        assert first["drones"][0]["states"]["battery"] == {"age_ms": 100, "remaining_pct": 90}
-        assert bench.viewer.take() == {}
-        bench.station.the_fog.drone(2).set(Battery(80))
-        await bench.station.heard.put(StateUpdate(1, 2, Battery(80), 1, 10))
-        await eventually(lambda: bench.viewer.drones, "the change is marked")
-        (drone,) = bench.viewer.take()["drones"]
-        assert drone["states"]["battery"]["remaining_pct"] == 80
+async def test_a_browser_is_sent_everything_once_and_then_what_changes(bench: Bench) -> None:
+    first = bench.viewer.take()
+    assert first["hello"]["station"] == "page"
+    assert [drone["drone"] for drone in first["drones"]] == [1, 2]
+    assert first["drones"][0]["states"]["battery"] == {"age_ms": 100, "remaining_pct": 90}
+    assert bench.viewer.take() == {}
+    bench.station.the_fog.drone(2).set(Battery(80))
+    await bench.station.heard.put(StateUpdate(1, 2, Battery(80), 1, 10))
+    await eventually(lambda: bench.viewer.drones, "the change is marked")
+    (drone,) = bench.viewer.take()["drones"]
+    assert drone["states"]["battery"]["remaining_pct"] == 80
 
 
-async def test_a_browser_is_told_each_second_that_the_program_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with Bench().running() as bench:
-        sent_ms = bench.viewer.take()["at_ms"]
-        for later_ms, sent in (
-            (990, {}),
-            (1010, {"at_ms": sent_ms + 1010}),
-            (2000, {}),
-            (2030, {"at_ms": sent_ms + 2030}),
-        ):
-            monkeypatch.setattr("mqttxt.page.live.now_ms", lambda later_ms=later_ms: sent_ms + later_ms)
-            assert bench.viewer.take() == sent
+async def test_a_browser_is_told_each_second_that_the_program_runs(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent_ms = bench.viewer.take()["at_ms"]
+    for later_ms, sent in (
+        (990, {}),
+        (1010, {"at_ms": sent_ms + 1010}),
+        (2000, {}),
+        (2030, {"at_ms": sent_ms + 2030}),
+    ):
+        monkeypatch.setattr("mqttxt.page.live.now_ms", lambda later_ms=later_ms: sent_ms + later_ms)
+        assert bench.viewer.take() == sent
 
 
 @pytest.mark.long
-async def test_a_fog_that_falls_silent_is_seen_without_an_event() -> None:
-    async with Bench().running() as bench:
-        bench.viewer.take()
-        bench.station.the_fog.is_live = False
-        bench.station.the_fog.drone(1).is_reachable = False
-        await eventually(lambda: not bench.viewer.has_fogs and bench.viewer.drones, "reviewed")
-        update = bench.viewer.take()
-        assert update["fogs"][0]["live"] is False
-        assert update["log"][-1]["text"] == "fog 1: not heard any more"
+async def test_a_fog_that_falls_silent_is_seen_without_an_event(bench: Bench) -> None:
+    bench.viewer.take()
+    bench.station.the_fog.is_live = False
+    bench.station.the_fog.drone(1).is_reachable = False
+    await eventually(lambda: not bench.viewer.has_fogs and bench.viewer.drones, "reviewed")
+    update = bench.viewer.take()
+    assert update["fogs"][0]["live"] is False
+    assert update["log"][-1]["text"] == "fog 1: not heard any more"
 
 
-async def test_an_event_of_a_drone_that_no_fog_lists_harms_nothing() -> None:
-    async with Bench().running() as bench:
-        bench.viewer.take()
-        await bench.station.heard.put(ControlChanged(1, 99, "gs-x", False, 1))
-        await eventually(lambda: ("", 1, 99) in bench.viewer.drones, "marked")
-        assert bench.viewer.take()["drones"] == []
+async def test_an_event_of_a_drone_that_no_fog_lists_harms_nothing(bench: Bench) -> None:
+    bench.viewer.take()
+    await bench.station.heard.put(ControlChanged(1, 99, "gs-x", False, 1))
+    await eventually(lambda: ("", 1, 99) in bench.viewer.drones, "marked")
+    assert bench.viewer.take()["drones"] == []
 
 
-async def test_a_command_is_followed_to_its_last_word_and_its_truth() -> None:
-    async with Bench().running() as bench:
-        bench.viewer.take()
-        number = bench.ask()["order"]
-        ((drone, sent),) = bench.station.sent
-        assert (drone, sent.command, sent.ttl_s) == (1, Arm(), pytest.approx(5.0, abs=0.1))
-        order = newest(bench.viewer)
-        assert order["open"]
-        assert 4000 < order["start_left_ms"] <= 5000
-        sent.words.put_nowait(outcome(Word.ACCEPTED))
-        sent.words.put_nowait(outcome(Word.UNCONFIRMED))
-        await eventually(lambda: not bench.live.orders()[0].waiting, "the last word")
-        order = newest(bench.viewer)
-        assert not order["open"]
-        assert [word["word"] for word in order["words"]] == ["accepted", "unconfirmed"]
-        await bench.station.heard.put(outcome(Word.COMPLETED, settled=True))
-        await eventually(lambda: number in bench.viewer.orders, "the truth")
-        assert newest(bench.viewer)["words"][-1]["plain"].startswith("The truth, known afterwards.")
+async def test_a_command_is_followed_to_its_last_word_and_its_truth(bench: Bench) -> None:
+    bench.viewer.take()
+    number = bench.ask()["order"]
+    ((drone, sent),) = bench.station.sent
+    assert (drone, sent.command, sent.ttl_s) == (1, Arm(), pytest.approx(5.0, abs=0.1))
+    order = newest(bench.viewer)
+    assert order["open"]
+    assert 4000 < order["start_left_ms"] <= 5000
+    sent.words.put_nowait(outcome(Word.ACCEPTED))
+    sent.words.put_nowait(outcome(Word.UNCONFIRMED))
+    await eventually(lambda: not bench.live.orders()[0].waiting, "the last word")
+    order = newest(bench.viewer)
+    assert not order["open"]
+    assert [word["word"] for word in order["words"]] == ["accepted", "unconfirmed"]
+    await bench.station.heard.put(outcome(Word.COMPLETED, settled=True))
+    await eventually(lambda: number in bench.viewer.orders, "the truth")
+    assert newest(bench.viewer)["words"][-1]["plain"].startswith("The truth, known afterwards.")
 
 
-async def test_a_command_to_several_is_sent_to_all_of_them_at_once() -> None:
-    async with Bench().running() as bench:
-        bench.ask(to={"drones": [[1, 1], [1, 2]]})
-        assert [drone for drone, _ in bench.station.sent] == [1, 2]
-        bench.ask(to={"fogs": [1]})
-        assert bench.station.sent[-1][0] is None
+async def test_a_command_to_several_is_sent_to_all_of_them_at_once(bench: Bench) -> None:
+    bench.ask(to={"drones": [[1, 1], [1, 2]]})
+    assert [drone for drone, _ in bench.station.sent] == [1, 2]
+    bench.ask(to={"fogs": [1]})
+    assert bench.station.sent[-1][0] is None
 
 
-async def test_several_drones_are_taken_by_one_request() -> None:
-    async with Bench().running() as bench:
-        bench.ask(do="take_over", to={"drones": [[1, 2], [1, 1]]})
-        await eventually(lambda: bench.station.taken, "the takeover")
-        assert bench.station.taken == [(1, (2, 1))], "a second request would have the epoch of before the first"
-        order = newest(bench.viewer)
-        assert [word["word"] for word in order["words"]] == ["completed", "completed"]
-        assert not order["open"]
+async def test_several_drones_are_taken_by_one_request(bench: Bench) -> None:
+    bench.ask(do="take_over", to={"drones": [[1, 2], [1, 1]]})
+    await eventually(lambda: bench.station.taken, "the takeover")
+    assert bench.station.taken == [(1, (2, 1))], "a second request would have the epoch of before the first"
+    order = newest(bench.viewer)
+    assert [word["word"] for word in order["words"]] == ["completed", "completed"]
+    assert not order["open"]
 
 
-async def test_what_cannot_be_sent_says_so_and_nothing_waits() -> None:
-    async with Bench().running() as bench:
-        bench.station.the_fog.is_live = False
-        bench.ask()
-        bench.ask(to={"drones": [[2, 1]]})
-        bench.ask(do="take_over", to={"drones": [[2, 1]]})
-        await eventually(lambda: bench.live.orders()[-1].words, "the takeover's answer")
-        said = [order.words[0]["word"] for order in bench.live.orders()]
-        assert said == ["not sent", "not sent", "failed"]
-        assert not any(order.waiting for order in bench.live.orders())
+async def test_what_cannot_be_sent_says_so_and_nothing_waits(bench: Bench) -> None:
+    bench.station.the_fog.is_live = False
+    bench.ask()
+    bench.ask(to={"drones": [[2, 1]]})
+    bench.ask(do="take_over", to={"drones": [[2, 1]]})
+    await eventually(lambda: bench.live.orders()[-1].words, "the takeover's answer")
+    said = [order.words[0]["word"] for order in bench.live.orders()]
+    assert said == ["not sent", "not sent", "failed"]
+    assert not any(order.waiting for order in bench.live.orders())
 
 
 async def test_what_is_asked_of_one_fleet_is_sent_there_alone() -> None:
@@ -214,34 +214,32 @@ def plan_text() -> str:
     return json.dumps({"fileType": "Plan", "version": 1, "mission": mission})
 
 
-async def test_a_plan_is_uploaded_shown_and_its_mission_started_by_name() -> None:
-    async with Bench().running() as bench:
-        bench.viewer.take()
-        bench.ask(do="start")
-        assert newest(bench.viewer)["words"][0]["text"].startswith("not sent: upload its plan first")
-        assert "error" not in bench.ask(do="upload", name="two.plan", text=plan_text())
-        await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
-        order = newest(bench.viewer)
-        assert order["text"] == "upload two.plan (2 mission items) to drone 1"
-        assert order["path"] == [(47.1, 8.1), (47.2, 8.2)]
-        assert [word["word"] for word in order["words"]] == ["completed"]
-        (plan,) = bench.station.the_fog.drone(1).uploaded
-        bench.ask(do="start")
-        bench.ask(do="resume")
-        sent = [sent.command for _, sent in bench.station.sent]
-        assert sent == [StartMission(plan.mission_hash), Resume(plan.mission_hash)]
+async def test_a_plan_is_uploaded_shown_and_its_mission_started_by_name(bench: Bench) -> None:
+    bench.viewer.take()
+    bench.ask(do="start")
+    assert newest(bench.viewer)["words"][0]["text"].startswith("not sent: upload its plan first")
+    assert "error" not in bench.ask(do="upload", name="two.plan", text=plan_text())
+    await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
+    order = newest(bench.viewer)
+    assert order["text"] == "upload two.plan (2 mission items) to drone 1"
+    assert order["path"] == [(47.1, 8.1), (47.2, 8.2)]
+    assert [word["word"] for word in order["words"]] == ["completed"]
+    (plan,) = bench.station.the_fog.drone(1).uploaded
+    bench.ask(do="start")
+    bench.ask(do="resume")
+    sent = [sent.command for _, sent in bench.station.sent]
+    assert sent == [StartMission(plan.mission_hash), Resume(plan.mission_hash)]
 
 
-async def test_an_upload_that_was_held_back_on_its_way_has_less_time_and_is_not_carried_out_later() -> None:
+async def test_an_upload_that_was_held_back_on_its_way_has_less_time_and_is_not_carried_out_later(bench: Bench) -> None:
     """The drone may be flying the mission that it would replace."""
-    async with Bench().running() as bench:
-        drone = bench.station.the_fog.drone(1)
-        late = bench.ask(do="upload", name="two.plan", text=plan_text(), at_ms=now_ms() - 1000 * UPLOAD_TTL_S)
-        assert late["error"].startswith("not sent: it was asked for 30.0 s before it came to the page's program")
-        assert drone.uploaded == []
-        bench.ask(do="upload", name="two.plan", text=plan_text(), at_ms=now_ms() - 20_000)
-        await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
-        assert drone.upload_ttl_s == pytest.approx(10.0, abs=0.5)
+    drone = bench.station.the_fog.drone(1)
+    late = bench.ask(do="upload", name="two.plan", text=plan_text(), at_ms=now_ms() - 1000 * UPLOAD_TTL_S)
+    assert late["error"].startswith("not sent: it was asked for 30.0 s before it came to the page's program")
+    assert drone.uploaded == []
+    bench.ask(do="upload", name="two.plan", text=plan_text(), at_ms=now_ms() - 20_000)
+    await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
+    assert drone.upload_ttl_s == pytest.approx(10.0, abs=0.5)
 
 
 async def test_a_file_is_looked_at_without_a_drone() -> None:
@@ -255,57 +253,53 @@ async def test_a_file_is_looked_at_without_a_drone() -> None:
         assert bench.ask(do="look", name="two.plan", text="{}")["error"].startswith("two.plan: plan: fileType")
 
 
-async def test_an_upload_says_how_far_it_is() -> None:
-    async with Bench().running() as bench:
+async def test_an_upload_says_how_far_it_is(bench: Bench) -> None:
+    bench.ask(do="upload", name="two.plan", text=plan_text())
+    found: list[str | None] = []
+    while bench.live.orders()[-1].waiting:
+        if (orders := bench.viewer.take().get("orders")) is not None:
+            found.append(orders[-1]["progress"])
+        await asyncio.sleep(0)
+    written = "1500 of 1500 bytes are at the drone; it writes the plan into its autopilot, and reads it back"
+    assert found[-3:] == ["0 of 1500 bytes are at the drone", "1024 of 1500 bytes are at the drone", written]
+
+
+async def test_of_a_files_mistakes_the_first_are_told_and_how_many_more(bench: Bench) -> None:
+    document = json.loads(plan_text())
+    document["mission"]["items"] = [{"type": "SimpleItem"}] * 6
+    lines = bench.ask(do="upload", name="two.plan", text=json.dumps(document))["error"].splitlines()
+    assert lines[0] == "two.plan: mission item 1: frame: expected 0 or 2 or 3 or 10, got None"
+    assert (len(lines), lines[-1]) == (11, "and 14 more")
+    assert bench.station.the_fog.drone(1).uploaded == []
+
+
+async def test_a_plan_that_did_not_arrive_is_not_started(bench: Bench) -> None:
+    drone = bench.station.the_fog.drone(1)
+    for word in (TransferFailed("not carried"), outcome(Word.DENIED, reason="not_in_control")):
+        drone.upload_word = word
         bench.ask(do="upload", name="two.plan", text=plan_text())
-        found: list[str | None] = []
-        while bench.live.orders()[-1].waiting:
-            if (orders := bench.viewer.take().get("orders")) is not None:
-                found.append(orders[-1]["progress"])
-            await asyncio.sleep(0)
-        written = "1500 of 1500 bytes are at the drone; it writes the plan into its autopilot, and reads it back"
-        assert found[-3:] == ["0 of 1500 bytes are at the drone", "1024 of 1500 bytes are at the drone", written]
+        await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
+        bench.ask(do="start")
+    assert bench.station.sent == []
 
 
-async def test_of_a_files_mistakes_the_first_are_told_and_how_many_more() -> None:
-    async with Bench().running() as bench:
-        document = json.loads(plan_text())
-        document["mission"]["items"] = [{"type": "SimpleItem"}] * 6
-        lines = bench.ask(do="upload", name="two.plan", text=json.dumps(document))["error"].splitlines()
-        assert lines[0] == "two.plan: mission item 1: frame: expected 0 or 2 or 3 or 10, got None"
-        assert (len(lines), lines[-1]) == (11, "and 14 more")
-        assert bench.station.the_fog.drone(1).uploaded == []
-
-
-async def test_a_plan_that_did_not_arrive_is_not_started() -> None:
-    async with Bench().running() as bench:
-        drone = bench.station.the_fog.drone(1)
-        for word in (TransferFailed("not carried"), outcome(Word.DENIED, reason="not_in_control")):
-            drone.upload_word = word
-            bench.ask(do="upload", name="two.plan", text=plan_text())
-            await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
-            bench.ask(do="start")
-        assert bench.station.sent == []
-
-
-async def test_readings_are_sent_once_and_charts_are_bounded() -> None:
+async def test_readings_are_sent_once_and_charts_are_bounded(bench: Bench) -> None:
     first = SensorReading(1, 1, 7, 1, 1, "temperature", 20.0, "C", 1000)
-    async with Bench().running() as bench:
-        bench.live.history.on_reading(first)
-        (chart,) = bench.viewer.take()["sensors"]
-        assert chart == {
-            **{"fleet": "", "drone": 1, "sensor": 7, "kind": "temperature", "unit": "C"},
-            "points": [[1000, 20.0]],
-        }
-        for number in range(2, MOST_POINTS + 10):
-            bench.live.history.on_reading(replace(first, seq=number, time_ms=number, value=float(number)))
-        (chart,) = bench.viewer.take()["sensors"]
-        assert len(chart["points"]) == MOST_POINTS
-        assert chart["points"][-1] == [MOST_POINTS + 9, MOST_POINTS + 9.0]
-        assert "sensors" not in bench.viewer.take()
-        for sensor in range(MOST_CHARTS + 1):
-            bench.live.history.on_reading(replace(first, sensor=sensor))
-        assert len(bench.live.history.charts) == MOST_CHARTS
+    bench.live.history.on_reading(first)
+    (chart,) = bench.viewer.take()["sensors"]
+    assert chart == {
+        **{"fleet": "", "drone": 1, "sensor": 7, "kind": "temperature", "unit": "C"},
+        "points": [[1000, 20.0]],
+    }
+    for number in range(2, MOST_POINTS + 10):
+        bench.live.history.on_reading(replace(first, seq=number, time_ms=number, value=float(number)))
+    (chart,) = bench.viewer.take()["sensors"]
+    assert len(chart["points"]) == MOST_POINTS
+    assert chart["points"][-1] == [MOST_POINTS + 9, MOST_POINTS + 9.0]
+    assert "sensors" not in bench.viewer.take()
+    for sensor in range(MOST_CHARTS + 1):
+        bench.live.history.on_reading(replace(first, sensor=sensor))
+    assert len(bench.live.history.charts) == MOST_CHARTS
 
 
 async def test_what_a_browser_was_sent_is_remembered_only_of_charts_that_there_are() -> None:
@@ -327,16 +321,15 @@ async def test_readings_from_before_the_page_was_open_are_there() -> None:
     assert (chart["drone"], chart["kind"]) == (2, "humidity")
 
 
-async def test_rankings_come_with_every_figure_and_reason() -> None:
-    async with Bench().running() as bench:
-        bench.viewer.take()
-        candidates = Candidate(drone=1, distance_m=10.0, arrival_s=2.0), Candidate(drone=2, reason="disarmed")
-        await bench.station.heard.put(PsmiList(1, CommandId(7, 1), candidates[:1], candidates[1:], 1))
-        await eventually(lambda: not bench.viewer.has_rankings, "the list")
-        (psmi,) = bench.viewer.take()["rankings"]["lists"]
-        assert psmi["listed"][0]["arrival_s"] == 2.0
-        assert (psmi["left_out"][0]["reason"], psmi["left_out"][0]["plain"]) == ("disarmed", "disarmed")
-        assert psmi["chosen"] == 1
+async def test_rankings_come_with_every_figure_and_reason(bench: Bench) -> None:
+    bench.viewer.take()
+    candidates = Candidate(drone=1, distance_m=10.0, arrival_s=2.0), Candidate(drone=2, reason="disarmed")
+    await bench.station.heard.put(PsmiList(1, CommandId(7, 1), candidates[:1], candidates[1:], 1))
+    await eventually(lambda: not bench.viewer.has_rankings, "the list")
+    (psmi,) = bench.viewer.take()["rankings"]["lists"]
+    assert psmi["listed"][0]["arrival_s"] == 2.0
+    assert (psmi["left_out"][0]["reason"], psmi["left_out"][0]["plain"]) == ("disarmed", "disarmed")
+    assert psmi["chosen"] == 1
 
 
 async def test_a_page_that_ends_sends_nothing_more() -> None:
@@ -347,17 +340,16 @@ async def test_a_page_that_ends_sends_nothing_more() -> None:
 
 
 @pytest.mark.long
-async def test_orders_are_bounded_and_so_is_what_is_remembered_of_them() -> None:
-    async with Bench().running() as bench:
-        for seq in range(KEPT + 5):
-            bench.ask()
-            bench.station.sent[-1][1].words.put_nowait(outcome(Word.EXPIRED, seq=seq))
-            await eventually(lambda: not bench.live.orders()[-1].waiting, "its last word")
-        assert len(bench.live.orders()) == KEPT
-        await bench.station.heard.put(outcome(Word.COMPLETED, seq=0, settled=True))
-        await bench.station.heard.put(outcome(Word.COMPLETED, seq=KEPT, settled=True))
-        await eventually(lambda: len(bench.live.orders()[KEPT - 5].words) == 2, "the truth of one that is kept")
-        assert sum(len(order.words) for order in bench.live.orders()) == KEPT + 1
+async def test_orders_are_bounded_and_so_is_what_is_remembered_of_them(bench: Bench) -> None:
+    for seq in range(KEPT + 5):
+        bench.ask()
+        bench.station.sent[-1][1].words.put_nowait(outcome(Word.EXPIRED, seq=seq))
+        await eventually(lambda: not bench.live.orders()[-1].waiting, "its last word")
+    assert len(bench.live.orders()) == KEPT
+    await bench.station.heard.put(outcome(Word.COMPLETED, seq=0, settled=True))
+    await bench.station.heard.put(outcome(Word.COMPLETED, seq=KEPT, settled=True))
+    await eventually(lambda: len(bench.live.orders()[KEPT - 5].words) == 2, "the truth of one that is kept")
+    assert sum(len(order.words) for order in bench.live.orders()) == KEPT + 1
 
 
 async def test_what_ends_the_station_ends_the_page_with_its_one_line() -> None:
@@ -400,7 +392,6 @@ async def test_why_a_link_is_not_changed_is_told_to_everybody() -> None:
         assert other.take()["answers"] == [{"number": None, "error": str(links.error)}]
 
 
-async def test_a_page_without_links_changes_none() -> None:
-    async with Bench().running() as bench:
-        assert bench.viewer.take()["hello"]["links"] is None
-        assert bench.live.on_request(asked_of_a_link())["error"] == "this page has no links to change"
+async def test_a_page_without_links_changes_none(bench: Bench) -> None:
+    assert bench.viewer.take()["hello"]["links"] is None
+    assert bench.live.on_request(asked_of_a_link())["error"] == "this page has no links to change"

@@ -8,14 +8,13 @@ from typing import Any
 
 import pytest
 from pmtiles.tile import TileType
-from typer.testing import CliRunner
 
 from mqttxt import ConfigurationError
-from mqttxt.cli.main import app
 from mqttxt.cli.page import whole_paths
 from mqttxt.demo.fleet import DRONES, PLACES, places_file
 from mqttxt.page.places import MOST_BYTES, MOST_PLACES, Place, load
 from tests.simulation.map_tiles import pmtiles, png
+from tests.unit.mqttxt.typed import refused
 
 POINT = {"type": "Point", "coordinates": [8.5470, 47.3985]}
 
@@ -130,7 +129,5 @@ async def test_the_demos_page_which_runs_in_another_folder_has_whole_paths(
 @pytest.mark.parametrize("typed", [["gs", "page", "--fog", "1"], ["demo"]])
 @pytest.mark.parametrize("option", ["--places", "--tiles"])
 def test_a_file_that_is_not_there_is_a_users_mistake_before_anything_starts(option: str, typed: list[str]) -> None:
-    done = CliRunner().invoke(app, [*typed, option, "/nowhere/a.geojson"])
-    assert (done.exit_code, done.stdout) == (2, "")
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"mqttxt: {option} /nowhere/a.geojson: No such file or directory; expected ")
+    said = refused(*typed, option, "/nowhere/a.geojson")
+    assert said.startswith(f"{option} /nowhere/a.geojson: No such file or directory; expected ")

@@ -11,24 +11,28 @@ from typing import Any, cast
 
 import aiohttp
 import pytest
-from typer.testing import CliRunner
 
 import mqttxt.page
 from mqttxt import ConfigurationError, Fog, GroundStation
-from mqttxt.cli.main import app
 from mqttxt.page.live import Live
 from mqttxt.page.process import check_listen, serve
 from mqttxt.page.server import _FILES, _START, MOST_REQUEST_BYTES, Server
+from mqttxt.page.tiles import Tiles
 from tests.rigs.loopback import eventually, free_port
 from tests.simulation.page_fleet import FakeStation
+from tests.unit.mqttxt.typed import refused
 
 ASSETS = Path(mqttxt.page.__file__).parent / "assets"
 
 
+def watching(station: FakeStation) -> Live:
+    """A page of a station, which only watches."""
+    return Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
+
+
 @contextlib.asynccontextmanager
-async def served(station: FakeStation) -> AsyncIterator[tuple[Server, aiohttp.ClientSession]]:
-    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
-    server = Server(live, "127.0.0.1", free_port())
+async def served(tiles: Tiles | None = None) -> AsyncIterator[tuple[Server, aiohttp.ClientSession]]:
+    server = Server(watching(FakeStation()), "127.0.0.1", free_port(), tiles)
     await server.start()
     try:
         async with aiohttp.ClientSession() as session:
@@ -39,7 +43,7 @@ async def served(station: FakeStation) -> AsyncIterator[tuple[Server, aiohttp.Cl
 
 async def test_every_file_is_served_and_allows_the_browser_nothing_else() -> None:
     assert {path.name for path in ASSETS.iterdir()} == {*_FILES, _START}
-    async with served(FakeStation()) as (server, session):
+    async with served() as (server, session):
         for name in ("", "log.jsonl", "no-such-file", "..%2fserver.py", *_FILES):
             async with session.get(server.url + name) as answer:
                 assert answer.status == (404 if name in ("no-such-file", "..%2fserver.py") else 200), name
@@ -52,7 +56,7 @@ async def test_every_file_is_served_and_allows_the_browser_nothing_else() -> Non
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "127.0.0.1.evil.example:{port}", "evil.example:{port}"])
 async def test_another_name_for_this_address_is_refused(host: str) -> None:
-    async with served(FakeStation()) as (server, session):
+    async with served() as (server, session):
         port = server.url.rpartition(":")[2].strip("/")
         async with session.get(server.url, headers={"Host": host.format(port=port)}) as answer:
             assert answer.status == 403
@@ -68,22 +72,18 @@ async def test_another_name_for_this_address_is_refused(host: str) -> None:
     ],
 )
 async def test_its_address_is_as_browsers_write_it(host: str, port: int, url: str) -> None:
-    station = FakeStation()
-    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
-    assert Server(live, host, port).url == url
+    assert Server(watching(FakeStation()), host, port).url == url
 
 
 async def test_an_address_of_ipv6_is_named_as_it_is_typed() -> None:
-    station = FakeStation()
-    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
     with pytest.raises(ConfigurationError, match=r"^--listen \[::1%nowhere\]:8080: cannot listen: "):
-        await Server(live, "::1%nowhere", 8080).start()
+        await Server(watching(FakeStation()), "::1%nowhere", 8080).start()
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
 async def test_another_site_makes_the_program_do_nothing(site: str) -> None:
     """It could read no answer, but ask without end for the log, or for tiles."""
-    async with served(FakeStation()) as (server, session):
+    async with served() as (server, session):
         for name in ("log.jsonl?all", "tiles/1/0/0", "main.js"):
             async with session.get(server.url + name, headers={"Sec-Fetch-Site": site}) as answer:
                 assert answer.status == 403, name
@@ -96,21 +96,21 @@ async def test_another_site_makes_the_program_do_nothing(site: str) -> None:
 
 @pytest.mark.parametrize("origin", [None, "null", "https://evil.example", "http://127.0.0.1", "http://127.0.0.1:1"])
 async def test_another_sites_socket_is_refused(origin: str | None) -> None:
-    async with served(FakeStation()) as (server, session):
+    async with served() as (server, session):
         with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
             await session.ws_connect(f"{server.url}live", origin=origin)
         assert refused.value.status == 403
 
 
 async def test_nothing_but_the_socket_takes_requests() -> None:
-    async with served(FakeStation()) as (server, session):
+    async with served() as (server, session):
         for name in ("", "live", "log.jsonl"):
             async with session.post(server.url + name, data="x") as answer:
                 assert answer.status == 405
 
 
 async def test_a_request_that_is_too_long_ends_its_socket_alone() -> None:
-    async with served(FakeStation()) as (server, session):
+    async with served() as (server, session):
         origin = server.url.rstrip("/")
         async with (
             session.ws_connect(f"{server.url}live", origin=origin) as bad,
@@ -170,22 +170,18 @@ def test_this_machine_is(host: str) -> None:
     ],
 )
 def test_a_wrong_option_is_one_line(arguments: list[str], says: str) -> None:
-    done = CliRunner().invoke(app, ["gs", "page", "--fog", "1", *arguments])
-    assert done.exit_code == 2
-    assert says in done.output
-    assert len(done.output.splitlines()) == 1
+    assert says in refused("gs", "page", "--fog", 1, *arguments)
 
 
 def test_without_aiohttp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith("mqttxt.page.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "aiohttp", None)
-    done = CliRunner().invoke(app, ["gs", "page", "--fog", "1"])
-    assert (done.exit_code, done.output) == (2, "mqttxt: page: expected aiohttp: pip install 'mqttxt[page]'\n")
+    assert refused("gs", "page", "--fog", 1) == "page: expected aiohttp: pip install 'mqttxt[page]'"
 
 
 async def test_a_port_that_is_taken_is_one_line() -> None:
-    async with served(FakeStation()) as (server, _):
+    async with served() as (server, _):
         port = int(server.url.rpartition(":")[2].strip("/"))
         station = FakeStation()
         fogs = cast("list[Fog]", [station.the_fog])

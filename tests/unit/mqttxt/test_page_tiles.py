@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import cast
 
-import aiohttp
 import pytest
 from aiohttp import web
 from pmtiles.tile import TileType
-from typer.testing import CliRunner
 
-from mqttxt import ConfigurationError, Fog, GroundStation
-from mqttxt.cli.main import app
-from mqttxt.page.live import Live
-from mqttxt.page.server import Server
+from mqttxt import ConfigurationError
 from mqttxt.page.tiles import MOST_TILE_BYTES, Offer, TileError, Tiles, opened
 from tests.rigs.loopback import free_port
 from tests.simulation.map_tiles import HIGHEST_ZOOM, pmtiles, png, shapes
-from tests.simulation.page_fleet import FakeStation
+from tests.unit.mqttxt.test_page_server import served
+from tests.unit.mqttxt.typed import refused
 
 PICTURE = png((1, 2, 3))
 
@@ -78,10 +73,7 @@ async def test_kinds_of_tiles_that_no_browser_shows_are_one_line(tmp_path: Path)
     ],
 )
 def test_a_wrong_source_is_one_line(source: str, says: str) -> None:
-    done = CliRunner().invoke(app, ["gs", "page", "--fog", "1", "--tiles", source])
-    assert done.exit_code == 2
-    assert says in done.output
-    assert len(done.output.splitlines()) == 1
+    assert says in refused("gs", "page", "--fog", 1, "--tiles", source)
 
 
 async def test_a_servers_offer_follows_from_its_address() -> None:
@@ -162,16 +154,9 @@ class _Broken:
     ],
 )
 async def test_the_page_serves_them(tiles: Tiles | None, path: str, status: int) -> None:
-    station = FakeStation()
-    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
-    server = Server(live, "127.0.0.1", free_port(), tiles)
-    await server.start()
-    try:
-        async with aiohttp.ClientSession() as session, session.get(f"{server.url}tiles/{path}") as answer:
-            assert answer.status == status
-            assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
-            if status == 200:
-                assert await answer.read() == PICTURE
-                assert answer.content_type == "application/octet-stream"
-    finally:
-        await server.stop()
+    async with served(tiles) as (server, session), session.get(f"{server.url}tiles/{path}") as answer:
+        assert answer.status == status
+        assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+        if status == 200:
+            assert await answer.read() == PICTURE
+            assert answer.content_type == "application/octet-stream"

@@ -8,16 +8,15 @@ import math
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from mqttxt import ConfigurationError, Parameters
-from mqttxt.cli.main import app
 from mqttxt.drone import parameter_ranges
 from mqttxt.drone.mavlink.guarded_parameters import GUARDED, is_guarded
 from mqttxt.drone.mavlink.raw import Limits
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.parameter_file import ParameterFile
 from mqttxt.protocol.parameters import Parameter, ParameterSet, ParameterType
+from tests.unit.mqttxt.typed import refused
 
 QGC = """# Onboard parameters for Vehicle 1
 #
@@ -90,8 +89,7 @@ def test_each_mistake_is_a_line_with_its_number(file: Path, line: str, said: str
 )
 def test_what_is_no_such_file_is_a_line(file: Path, content: bytes, said: str) -> None:
     file.write_bytes(content)
-    result = CliRunner().invoke(app, ["gs", "params", "load", str(file), "--drone", "1"])
-    assert (result.exit_code, result.stderr) == (2, f"mqttxt: {file}: {said}\n")
+    assert refused("gs", "params", "load", file, "--drone", 1) == f"{file}: {said}"
 
 
 def test_differences_name_both_values(file: Path) -> None:
@@ -104,11 +102,8 @@ def test_differences_name_both_values(file: Path) -> None:
 
 @pytest.mark.parametrize("value", ["fast", "nan", "inf"])
 def test_a_value_that_is_no_number_is_a_line(value: str) -> None:
-    result = CliRunner().invoke(app, ["gs", "params", "set", "MPC_XY_CRUISE", value, "--drone", "1"])
-    assert (result.exit_code, result.stderr) == (
-        2,
-        f"mqttxt: set_parameter value '{value}': expected a finite number\n",
-    )
+    said = refused("gs", "params", "set", "MPC_XY_CRUISE", value, "--drone", 1)
+    assert said == f"set_parameter value '{value}': expected a finite number"
 
 
 @pytest.mark.parametrize(

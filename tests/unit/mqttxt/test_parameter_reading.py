@@ -103,6 +103,14 @@ class Bench:
         return {one.name: one.value for one in ParameterSet.unpacked(found)}
 
 
+@pytest.fixture
+def reading() -> SetReading:
+    """A reading of a PX4's set that has begun."""
+    begun = SetReading(1, bytewise=True)
+    begun.begin(0)
+    return begun
+
+
 @pytest.mark.parametrize("loss", [0.0, 0.05, 0.3])
 def test_every_parameter_is_read_over_a_link_that_loses(loss: float) -> None:
     bench = Bench(Autopilot(COUNT, loss))
@@ -122,9 +130,7 @@ def test_what_another_station_sets_meanwhile_is_in_the_set() -> None:
     assert bench.values()["P0007"] == late.param_value
 
 
-def test_a_change_while_the_list_is_read_is_in_the_set() -> None:
-    reading = SetReading(1, bytewise=True)
-    reading.begin(0)
+def test_a_change_while_the_list_is_read_is_in_the_set(reading: SetReading) -> None:
     for index in range(3):
         reading.on_value(value(f"P{index}".encode(), 1.0, index, 4), 0)
     reading.on_value(value(b"P1", 9.0, 65_535, 4), 0)
@@ -134,9 +140,7 @@ def test_a_change_while_the_list_is_read_is_in_the_set() -> None:
     assert {one.name: one.value for one in reading.found} == {"P0": 1.0, "P1": 9.0, "P2": 1.0, "P3": 1.0}
 
 
-def test_a_value_out_of_no_parameters_is_no_whole_set() -> None:
-    reading = SetReading(1, bytewise=True)
-    reading.begin(0)
+def test_a_value_out_of_no_parameters_is_no_whole_set(reading: SetReading) -> None:
     reading.on_value(value(b"A", 1.0, 65_535, 0), 0)
     assert not reading.is_over
     reading.on_value(value(b"A", 1.0, 0, 1), 0)
@@ -154,10 +158,8 @@ def test_a_value_out_of_no_parameters_is_no_whole_set() -> None:
     ids=["another number of parameters", "places that move"],
 )
 def test_a_list_that_changes_while_it_is_read_begins_anew(
-    read: list[Any], other: Any, names: tuple[bytes, ...]
+    reading: SetReading, read: list[Any], other: Any, names: tuple[bytes, ...]
 ) -> None:
-    reading = SetReading(1, bytewise=True)
-    reading.begin(0)
     for one in read:
         reading.on_value(one, 0)
     (again,) = reading.on_value(other, 10)
@@ -181,18 +183,14 @@ def test_more_names_than_parameters_begin_the_list_anew_and_are_not_kept() -> No
     assert reading.error == "changed_meanwhile"
 
 
-def test_a_list_that_never_settles_is_given_up() -> None:
-    reading = SetReading(1, bytewise=True)
-    reading.begin(0)
+def test_a_list_that_never_settles_is_given_up(reading: SetReading) -> None:
     for total in range(10, 10 + BEGINNINGS + 1):
         reading.on_value(value(b"A", 1.0, 0, total), 0)
     assert reading.error == "changed_meanwhile"
 
 
 @pytest.mark.parametrize("total", [MOST_PARAMETERS + 1, 65_535])
-def test_more_than_there_may_be_are_refused(total: int) -> None:
-    reading = SetReading(1, bytewise=True)
-    reading.begin(0)
+def test_more_than_there_may_be_are_refused(reading: SetReading, total: int) -> None:
     reading.on_value(value(b"A", 1.0, 0, total), 0)
     assert reading.error == f"too_many, {total}"
 
@@ -244,9 +242,7 @@ def _booted(time_ms: int) -> Any:
 
 
 @pytest.mark.parametrize("name", [b"caf\xe9", b"A B", b"\xff\xff", b"", b"A\nB", b"A/B"])
-def test_a_name_with_odd_bytes_is_left_out_and_ends_no_reading(name: bytes) -> None:
-    reading = SetReading(1, bytewise=True)
-    reading.begin(0)
+def test_a_name_with_odd_bytes_is_left_out_and_ends_no_reading(reading: SetReading, name: bytes) -> None:
     reading.on_value(value(name, 1.0, 0, 2), 0)
     reading.on_value(value(b"GOOD", 1.0, 1, 2), 0)
     assert reading.found is not None

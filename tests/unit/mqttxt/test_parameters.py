@@ -59,7 +59,6 @@ def test_no_command_is_left_out() -> None:
     ("typed", "said"),
     [
         ("hold 1", "hold: expected no parameters, got 1"),
-        ("goto 1 2", "goto: expected LATITUDE_DEG LONGITUDE_DEG ALTITUDE_M, got 1 2"),
         ("offboard 5", "offboard: expected SECONDS, then velocity or attitude, got 5"),
         ("offboard nan velocity 1 0 0", "offboard duration_s 'nan': expected a number from 0.1 to 3600"),
         ("offboard 5 velocity 1 0", "offboard velocity: expected NORTH_M_S EAST_M_S DOWN_M_S [YAW_DEG], got 1 0"),

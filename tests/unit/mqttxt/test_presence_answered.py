@@ -8,7 +8,7 @@ import pytest
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.role import Activator
-from mqttxt.core.effects import Inbound, Publish, Stop, Subscribe
+from mqttxt.core.effects import Publish, Stop, Subscribe
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm
 from mqttxt.protocol.control import Registration
@@ -40,8 +40,7 @@ def is_executed(world: World) -> bool:
 
 @ALIKE
 def test_a_station_that_comes_last_learns_who_is_reachable_and_commands(shows: str, signed: bool) -> None:
-    world = World(shows=shows, signed=signed).start()
-    world.pass_time(4000)
+    world = World(shows=shows, signed=signed).start(4000)
     fog = world.gs.fogs[1]
     assert fog.drones[1].reachable
     assert fog.controls(1)
@@ -50,13 +49,10 @@ def test_a_station_that_comes_last_learns_who_is_reachable_and_commands(shows: s
 
 @ALIKE
 def test_a_station_that_was_cut_off_learns_that_the_drone_has_gone_meanwhile(shows: str, signed: bool) -> None:
-    world = World(shows=shows, signed=signed).start()
-    world.pass_time(4000)
-    world.subscribed = [entry for entry in world.subscribed if entry[0] != "gs"]
+    world = World(shows=shows, signed=signed).start(4000)
+    world.deafen("gs")
     world.run("gs", world.gs.on_disconnected(CLOUD, world.now_ms))
-    will = world.uav.will()
-    world.subscribed = [entry for entry in world.subscribed if entry[0] != "uav"]
-    world.route("uav", Publish(FOG, will.topic, will.payload, 1, retain=True))
+    world.kill("uav", FOG)
     world.run("gs", world.gs.on_connected(CLOUD, world.now_ms))
     world.pass_time(4000)
     record = world.gs.fogs[1].drones[1].record
@@ -68,8 +64,7 @@ def test_a_station_that_was_cut_off_learns_that_the_drone_has_gone_meanwhile(sho
 @ALIKE
 def test_activator_and_drone_that_start_anew_are_commanded_again(shows: str, signed: bool) -> None:
     """Where messages are signed the new ones have to be told the station's certificate."""
-    world = World(shows=shows, signed=signed).start()
-    world.pass_time(4000)
+    world = World(shows=shows, signed=signed).start(4000)
     world.restart_uav(UAV_SESSION + 1, [])
     world.restart_activator(FOG_SESSION + 1)
     world.pass_time(8000)
@@ -86,7 +81,7 @@ def test_an_old_birth_that_a_node_shows_is_put_right(signed: bool) -> None:
     payload = seal("fog1").sign("fog1/reachable", old, with_certificate=True).encode() if signed else old
     world.start()
     world.gs.fogs.clear()
-    world.subscribed = [entry for entry in world.subscribed if entry[0] != "gs"]
+    world.deafen("gs")
     world.retained[CLOUD, "fog1/reachable"] = Publish(CLOUD, "fog1/reachable", payload, 1, retain=True)
     world.run("gs", world.gs.add_fogs([1]))
     world.pass_time(4000)
@@ -174,13 +169,12 @@ def second_activator(world: World) -> None:
 
 @pytest.mark.parametrize("signed", [False, True])
 def test_the_second_activator_stops_though_the_broker_did_not_show_the_first(signed: bool) -> None:
-    world = World(shows="nothing", signed=signed).start()
-    world.pass_time(4000)
+    world = World(shows="nothing", signed=signed).start(4000)
     second_activator(world)
     assert world.second.born  # type: ignore[attr-defined]
     world.pass_time(1500)
     assert {stop.reason for stop in world.stops} == {"refused: another live activator is fog 1 already"}
-    world.subscribed = [entry for entry in world.subscribed if entry[0] != "second"]
+    world.deafen("second")
     world.run("second", world.second.goodbye(5000))  # type: ignore[attr-defined]
     world.pass_time(4000)
     assert world.gs.fogs[1].session == FOG_SESSION
@@ -221,6 +215,6 @@ def test_a_question_for_another_session_is_answered_where_messages_are_signed() 
         message = encode(Registration(**fields, activator_session=named))  # type: ignore[arg-type]
         payload = seal("gs-h").sign("fog1/init_connect", message, with_certificate=True).encode()
         world.now_ms += 1000
-        out = list(world.activator.on_message(CLOUD, Inbound("fog1/init_connect", payload, 1), world.now_ms))
+        out = world.hears("activator", "fog1/init_connect", payload)
         assert [effect.topic for effect in out if isinstance(effect, Publish)] == ["fog1/reachable"]
     assert ("h", 0x88) not in world.activator.leases

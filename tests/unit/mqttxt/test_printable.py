@@ -14,7 +14,7 @@ from rich.table import Table
 from mqttxt.cli import main
 from mqttxt.cli.common import _Lines
 from mqttxt.cli.watch import _shown
-from mqttxt.core.effects import Inbound, Log
+from mqttxt.core.effects import Log
 from mqttxt.core.printable import printable
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
@@ -103,10 +103,9 @@ def test_a_station_with_such_a_name_takes_no_drone_and_reaches_no_table() -> Non
     assert [type(effect) for effect in effects] == [Log]
     assert of(effects, "fog1/drone1/reachable") == []
 
-    world = World().start()
-    world.pass_time(1000)
+    world = World().start(1000)
     record = cbor2.loads(encode(DroneRecord(activator_session=0x22, up=True, drone_session=0x33, holder="x")))
     forged = cbor2.dumps(["[/nope]" if field == "x" else field for field in record])
-    world.run("gs", world.gs.on_message("cloud", Inbound("fog1/drone1/reachable", forged, 1), world.now_ms))
+    world.run("gs", world.hears("gs", "fog1/drone1/reachable", forged))
     assert world.gs.fogs[1].drones[1].holder != "[/nope]"
     assert world.gs.session == GS_SESSION

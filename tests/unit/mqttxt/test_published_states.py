@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.core.effects import Inbound, Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.mavlink.vehicle import LOST_MS
 from mqttxt.drone.options import UavOptions
@@ -20,6 +20,7 @@ from tests.simulation.world import (
     UAV_SESSION,
     ack,
     command_payload,
+    connect,
     from_autopilot,
     heartbeat,
     landed,
@@ -62,9 +63,7 @@ def lived(client: UavClient, since_ms: int, until_ms: int, *each_second: Callabl
 
 def connected_anew(client: UavClient, now_ms: int) -> None:
     client.on_disconnected("fog", now_ms)
-    for effect in client.on_connected("fog", now_ms):
-        if isinstance(effect, Subscribe):
-            client.on_subscribed(effect, now_ms)
+    connect(client, now_ms)
 
 
 @pytest.mark.parametrize("bundles", [False, True])

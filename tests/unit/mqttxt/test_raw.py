@@ -15,15 +15,14 @@ from mqttxt.drone.executor import Executor
 from mqttxt.drone.mavlink.raw import GUARDED, MAV_CMDS, PASSED, TYPED, Limits
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
-from mqttxt.drone.runs import Said
 from mqttxt.errors import ConfigurationError, PayloadError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Mavlink
-from mqttxt.protocol.messages import CommandMessage, ResultMessage, Word
+from mqttxt.protocol.messages import CommandMessage, Word
 from mqttxt.protocol.values import Encoding
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.workbench import Bench, said, written
-from tests.simulation.world import UAV_SESSION, World, ack, command_payload, from_autopilot, on_disk, ready, results
+from tests.simulation.world import UAV_SESSION, World, ack, command_payload, from_autopilot, on_disk, ready
 
 NAN = math.nan
 ROI, REBOOT = 195, 246
@@ -47,14 +46,6 @@ def test_it_is_a_command_long_to_the_autopilot_with_nan_where_nothing_is_set() -
     assert (sent.param1, sent.confirmation) == (1.5, 0)
     assert math.isnan(sent.param2)
     assert math.isnan(sent.param3)
-
-
-def test_accepted_is_completed_without_the_effect_observed() -> None:
-    bench = Bench()
-    bench.start(1, raw(ROI))
-    (last,) = bench.hear(ack(ROI))
-    assert isinstance(last, Said)
-    assert (last.word, last.observed) == (Word.COMPLETED, False)
 
 
 def test_it_is_never_repeated() -> None:
@@ -142,18 +133,8 @@ def test_not_set_is_null_on_the_wire(encoding: Encoding) -> None:
     assert cbor2.loads(encode(message))[-2:] == [ROI, [None, 47.5, 0, 0, 0, 0, 0]]
 
 
-def test_the_result_says_that_nobody_observed_the_effect() -> None:
-    uav = UavClient(1, UAV_SESSION, Settings())
-    ready(uav)
-    on_disk(uav, uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(raw(ROI))), 1), 0), 0)
-    (result,) = results(uav.on_mavlink(ack(ROI), 100))
-    assert (result.word, result.observed) == (Word.COMPLETED, False)
-    assert decode(ResultMessage, encode(result, Encoding.JSON)) == result
-
-
 def test_a_ground_station_hears_that_nobody_observed_the_effect() -> None:
-    world = World().start()
-    world.pass_time(1000)
+    world = World().start(1000)
     world.send(raw(ROI))
     world.autopilot(ack(ROI))
     (outcome,) = [event for event in world.heard if isinstance(event, Outcome)]

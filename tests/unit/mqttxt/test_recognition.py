@@ -26,23 +26,6 @@ def beats(recognition: Recognition, system_id: int, start_ms: int, end_ms: int, 
     return [recognition.on_heartbeat(system_id, now) for now in range(start_ms, end_ms, gap_ms)]
 
 
-def test_the_own_autopilot_is_known_at_once() -> None:
-    assert Recognition(7).on_heartbeat(7, 0) == 7
-
-
-def test_a_stray_heartbeat_of_another_system_says_nothing() -> None:
-    recognition = Recognition(7)
-    assert recognition.on_heartbeat(9, 0) is None
-    assert recognition.on_heartbeat(9, PATIENCE_MS + 1) is None
-    assert recognition.on_heartbeat(7, PATIENCE_MS + 2) == 7
-
-
-def test_a_stray_heartbeat_of_an_unknown_kind_says_nothing() -> None:
-    recognition = Recognition(7)
-    assert recognition.on_heartbeat(7, 0, is_known=False) is None
-    assert recognition.on_heartbeat(7, 1) == 7
-
-
 def test_an_unknown_kind_that_keeps_coming_is_the_links() -> None:
     recognition, said = Recognition(7), []
     for now_ms in range(0, PATIENCE_MS + 1, 1000):

@@ -20,8 +20,12 @@ from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION
 EVE = 0xE7E
 
 
-def test_a_command_goes_on_with_the_drones_session_and_a_deadline_of_its_clock() -> None:
-    bench = ready()
+@pytest.fixture
+def bench() -> ActivatorBench:
+    return ready()
+
+
+def test_a_command_goes_on_with_the_drones_session_and_a_deadline_of_its_clock(bench: ActivatorBench) -> None:
     (publish,) = bench.command(deadline_ms=BORN_MS + 5000)
     assert (publish.topic, publish.qos, publish.retain, publish.expiry_s) == ("drone1/commands", 1, False, 5)
     forwarded = decode(CommandMessage, publish.payload)
@@ -48,24 +52,21 @@ def test_what_the_activator_closes_by_itself(changed: dict[str, Any], word: Word
     assert of(effects, "drone1/commands") == []
 
 
-def test_no_subscriber_counts_as_not_published() -> None:
-    bench = ready()
+def test_no_subscriber_counts_as_not_published(bench: ActivatorBench) -> None:
     (publish,) = bench.command()
     assert words(list(bench.role.on_published("fog", publish.ref, 0x10, bench.now_ms))) == [
         (Word.UNREACHABLE, "no_subscriber")
     ]
 
 
-def test_afterwards_only_the_drone_has_the_last_word() -> None:
-    bench = ready()
+def test_afterwards_only_the_drone_has_the_last_word(bench: ActivatorBench) -> None:
     (publish,) = bench.command()
     assert bench.role.on_published("fog", publish.ref, 0, bench.now_ms) == []
     bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
     assert words(bench.until(BORN_MS + 20_000)) == []
 
 
-def test_a_duplicate_is_answered_and_not_forwarded() -> None:
-    bench = ready()
+def test_a_duplicate_is_answered_and_not_forwarded(bench: ActivatorBench) -> None:
     bench.command()
     bench.result(Word.ACCEPTED)
     again = bench.command(deadline_ms=BORN_MS + 5000)
@@ -80,15 +81,13 @@ def test_one_id_with_other_contents_or_another_drone_is_denied(command: Command,
     assert words(bench.command(command, to=to), drone) == [(Word.DENIED, "id_conflict")]
 
 
-def test_a_command_for_an_earlier_session_is_only_a_question() -> None:
-    bench = ready()
+def test_a_command_for_an_earlier_session_is_only_a_question(bench: ActivatorBench) -> None:
     (publish,) = bench.command(executor_session=99)
     assert decode(CommandMessage, publish.payload).deadline_ms == 0
     assert words(bench.result(Word.EXPIRED)) == [(Word.EXPIRED, None)]
 
 
-def test_a_drone_with_a_new_session_is_only_asked() -> None:
-    bench = ready()
+def test_a_drone_with_a_new_session_is_only_asked(bench: ActivatorBench) -> None:
     bench.command()
     bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
     effects = bench.appear(session=77)
@@ -97,9 +96,8 @@ def test_a_drone_with_a_new_session_is_only_asked() -> None:
     assert (asked.executor_session, asked.deadline_ms) == (77, 0)
 
 
-def test_what_is_sent_again_for_a_station_that_has_lost_control_is_only_a_question() -> None:
+def test_what_is_sent_again_for_a_station_that_has_lost_control_is_only_a_question(bench: ActivatorBench) -> None:
     """The drone may not have it yet, and would obey a station that another one has followed."""
-    bench = ready()
     bench.register(name="beta", session=5)
     bench.command(deadline_ms=bench.now_ms + 30_000)
     bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
@@ -109,8 +107,7 @@ def test_what_is_sent_again_for_a_station_that_has_lost_control_is_only_a_questi
     assert (asked.executor_session, asked.deadline_ms) == (UAV_SESSION, 0)
 
 
-def test_past_deadline_limit_and_grace_it_is_unconfirmed_and_the_truth_settles_it_once() -> None:
-    bench = ready()
+def test_past_deadline_limit_and_grace_it_is_unconfirmed_and_the_truth_settles_it_once(bench: ActivatorBench) -> None:
     bench.command(limit_s=2.0)
     bench.result(Word.ACCEPTED)
     assert words(bench.until(BORN_MS + 12_000)) == []
@@ -122,9 +119,8 @@ def test_past_deadline_limit_and_grace_it_is_unconfirmed_and_the_truth_settles_i
     assert words(bench.command()) == [(Word.UNCONFIRMED, None), (Word.COMPLETED, None)]
 
 
-def test_a_command_that_may_have_been_forgotten_is_not_denied() -> None:
+def test_a_command_that_may_have_been_forgotten_is_not_denied(bench: ActivatorBench) -> None:
     """A station that was cut off for long asks: the drone may have flown, and the ledger has dropped the id."""
-    bench = ready()
     due_ms = BORN_MS + 5000
     bench.command(deadline_ms=due_ms)
     bench.result(Word.COMPLETED)
@@ -134,9 +130,8 @@ def test_a_command_that_may_have_been_forgotten_is_not_denied() -> None:
     assert words(bench.command(deadline_ms=due_ms)) == [(Word.UNCONFIRMED, None)]
 
 
-def test_a_command_that_never_came_is_expired_however_late_it_is_asked_for() -> None:
+def test_a_command_that_never_came_is_expired_however_late_it_is_asked_for(bench: ActivatorBench) -> None:
     """No id of its session that is as high was forgotten, so none of this number was ever known."""
-    bench = ready()
     due_ms = BORN_MS + 5000
     bench.command(deadline_ms=due_ms)
     bench.result(Word.COMPLETED)
@@ -154,16 +149,14 @@ def test_a_denied_command_is_not_forwarded_when_it_comes_again_after_the_ledger_
     assert (words(again), of(again, "drone1/commands")) == ([(Word.UNCONFIRMED, None)], [])
 
 
-def test_a_full_ledger_does_not_deny_what_may_still_be_in_time_when_it_has_room() -> None:
-    bench = ready()
+def test_a_full_ledger_does_not_deny_what_may_still_be_in_time_when_it_has_room(bench: ActivatorBench) -> None:
     bench.register()
     bench.role.relay.ledger._capacity = 0
     assert words(bench.command(deadline_ms=BORN_MS + 5000)) == [(Word.DENIED, "ledger_full")]
     assert words(bench.command(seq=2, deadline_ms=BORN_MS + 3_600_000)) == []
 
 
-def test_a_word_is_relayed_once_and_never_after_the_last_one() -> None:
-    bench = ready()
+def test_a_word_is_relayed_once_and_never_after_the_last_one(bench: ActivatorBench) -> None:
     bench.command()
     assert len(bench.result(Word.ACCEPTED)) == 1
     assert bench.result(Word.ACCEPTED) == []
@@ -171,8 +164,7 @@ def test_a_word_is_relayed_once_and_never_after_the_last_one() -> None:
     assert bench.result(Word.FAILED) == []
 
 
-def test_a_word_of_another_session_or_another_drone_is_no_word() -> None:
-    bench = ready()
+def test_a_word_of_another_session_or_another_drone_is_no_word(bench: ActivatorBench) -> None:
     bench.command()
     (log,) = bench.result(Word.COMPLETED, session=77)
     assert log.kind == "unknown_session"
@@ -211,25 +203,22 @@ def test_at_qos_0_an_unanswered_command_is_sent_again_as_the_same_bytes() -> Non
     assert again.payload == first.payload
 
 
-def test_an_unregistered_client_cannot_keep_a_drone_from_landing() -> None:
+def test_an_unregistered_client_cannot_keep_a_drone_from_landing(bench: ActivatorBench) -> None:
     """Neither by commands that it may not give, nor by questions about an earlier session."""
-    bench = ready()
     for seq in range(4200):
         asked = {"executor_session": 0x99} if seq % 2 else {}
         bench.command(Arm(), gs_session=0x77, seq=seq, **asked)
     assert of(bench.command(Land(), seq=5), "drone1/commands")
 
 
-def test_clients_that_are_not_in_control_leave_room_however_many_they_are() -> None:
-    bench = ready()
+def test_clients_that_are_not_in_control_leave_room_however_many_they_are(bench: ActivatorBench) -> None:
     bench.role.relay.ledger._capacity = 800
     out = [bench.command(Land(), gs_session=0x1000 + number) for number in range(900)]
     assert any(isinstance(effect, Log) and "no room for it" in effect.detail for effects in out for effect in effects)
     assert of(bench.command(Land(), seq=5), "drone1/commands")
 
 
-def test_the_answer_to_who_is_not_in_control_stays_the_same_once_it_is() -> None:
-    bench = ready()
+def test_the_answer_to_who_is_not_in_control_stays_the_same_once_it_is(bench: ActivatorBench) -> None:
     assert words(bench.command(Arm(), gs_session=0x77)) == [(Word.DENIED, "not_in_control, alpha")]
     bench.register(name="other", session=0x77, control=Control.TAKE)
     assert words(bench.command(Arm(), gs_session=0x77)) == [(Word.DENIED, "not_in_control, alpha")]

@@ -45,10 +45,11 @@ class Fleet:
         assert identity.renew(*identity.in_folder())
         self._say(name)
 
-    def take_list(self, name: str) -> None:
-        """The newest list has come to a node."""
-        assert self.seals[name].identity.fleet.take(self.acme.fleet.revoked)
-        self._say(name)
+    def take_list(self, *names: str) -> None:
+        """The newest list has come to these nodes."""
+        for name in names:
+            assert self.seals[name].identity.fleet.take(self.acme.fleet.revoked)
+            self._say(name)
 
     def _say(self, name: str) -> None:
         role = getattr(self.world, NODES[name])
@@ -87,8 +88,7 @@ def test_who_comes_after_a_renewal_meets_the_new_keys(fleet: Fleet) -> None:
     for name in NODES:
         fleet.renew(name)
         fleet.acme.revoke(name, only_old=True)
-    for name in NODES:
-        fleet.take_list(name)
+    fleet.take_list(*NODES)
     fleet.seals["drone1"] = Seal(Identity.load(fleet.acme.folder / "drone1"))
     fleet.world.restart_uav(0x98, [])
     fleet.seals["fog1"] = Seal(Identity.load(fleet.acme.folder / "fog1"))
@@ -106,8 +106,7 @@ def test_what_is_open_is_asked_for_by_the_new_key(fleet: Fleet) -> None:
     world.autopilot(ack(400), heartbeat(armed=True))
     fleet.renew("gs-g")
     fleet.acme.revoke("gs-g", only_old=True)
-    for name in NODES:
-        fleet.take_list(name)
+    fleet.take_list(*NODES)
     world.drop = set()
     world.pass_time(12_000)
     assert fleet.last_words() == [(Word.COMPLETED, None)]
@@ -133,8 +132,7 @@ def test_a_revoked_station_is_not_heard_and_holds_nothing_any_more(fleet: Fleet)
     assert world.activator.leases.controls(world.gs.session, 1)
     fleet.acme.revoke("gs-g")
     world.wrote.clear()
-    for name in ("fog1", "drone1"):
-        fleet.take_list(name)
+    fleet.take_list("fog1", "drone1")
     world.send(Hold())
     assert not world.activator.leases
     assert world.uav.desk.executor.lease.holder_session is None
@@ -165,8 +163,7 @@ def numbers(fleet: Fleet) -> dict[str, list[int | None]]:
 def test_births_and_beacons_name_the_newest_list_at_once(fleet: Fleet) -> None:
     assert all(set(found) == {1} for found in numbers(fleet).values())
     fleet.acme.revoke("gs-two")
-    for name in NODES:
-        fleet.take_list(name)
+    fleet.take_list(*NODES)
     assert all(found[-1] == 2 for found in numbers(fleet).values())
 
 
@@ -184,8 +181,7 @@ def told(fleet: Fleet) -> list[tuple[str, int, int]]:
 
 def test_who_goes_on_with_an_old_list_is_told_of_once(fleet: Fleet) -> None:
     fleet.acme.revoke("gs-two")
-    for name in ("gs-g", "fog1"):
-        fleet.take_list(name)
+    fleet.take_list("gs-g", "fog1")
     fleet.world.pass_time(BEHIND_MS - 11_000)
     assert told(fleet) == []
     fleet.world.pass_time(60_000)
@@ -193,8 +189,7 @@ def test_who_goes_on_with_an_old_list_is_told_of_once(fleet: Fleet) -> None:
     fleet.take_list("drone1")
     fleet.acme.issue("gs-three")
     fleet.acme.revoke("gs-three")
-    for name in ("fog1", "drone1"):
-        fleet.take_list(name)
+    fleet.take_list("fog1", "drone1")
     fleet.world.pass_time(60_000)
     assert told(fleet) == [("drone1", 1, 2), ("gs-g", 2, 3)]
 

@@ -7,7 +7,6 @@ import logging
 import shutil
 import sys
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from mqttxt.security.identity import Identity
 from mqttxt.security.revocation import RevocationList
 from mqttxt.security.rights import Rights
 from mqttxt.station.outcomes import last_word
+from tests.rigs.processes import eventually
 
 DAY_S = 86_400.0
 MOSQUITTO = """#!{python}
@@ -54,12 +54,6 @@ class Clock:
 def runner_of(identity: Identity) -> Runner:
     clock = SessionClock()
     return Runner(UavClient(1, clock.session, Settings()), clock, identity=identity, lists={"fog": "fleet/revoked"})
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(20):
-        while not condition():
-            await asyncio.sleep(0.01)
 
 
 async def test_a_reload_takes_the_newer_list_and_a_bad_one_changes_nothing(
@@ -99,8 +93,8 @@ async def test_a_list_that_a_broker_shows_is_kept_and_given_to_the_nodes_own_bro
         runner.received("fog", Inbound("fleet/revoked", acme.fleet.revoked.der, 1, True))
         assert runner.identity is not None
         assert runner.identity.fleet.revoked.number == 2
-        await until(lambda: all((folder / name).exists() for name in ("revoked.pem", "newest.pem")))
-        await until(lambda: told[-1:] == [2])
+        await eventually(lambda: all((folder / name).exists() for name in ("revoked.pem", "newest.pem")), "it is kept")
+        await eventually(lambda: told[-1:] == [2], "its broker is told")
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
@@ -140,7 +134,7 @@ async def test_a_running_node_keeps_the_time_and_says_when_its_certificate_ends(
     station, clock = station_of(acme)
     clock.ahead_s = 2 * DAY_S
     async with station:
-        await until(lambda: "the certificate of gs-ops is expired" in caplog.text)
+        await eventually(lambda: "the certificate of gs-ops is expired" in caplog.text, "it says so")
     with pytest.raises(ConfigurationError, match="gs-ops: expired"):
         Identity.load(acme.folder / "gs-ops", system=lambda: 0.0)
 
@@ -228,7 +222,7 @@ async def test_a_broker_is_started_anew_where_a_revoked_certificates_name_stays_
         return lives.read_text().count("life")
 
     try:
-        await until(lambda: lives.exists() and lives.read_text() != "")
+        await eventually(lambda: lives.exists() and lives.read_text() != "", "the broker starts")
         before = (folder / "members.pem").read_bytes()
         acme.revoke("drone2")
         await asyncio.to_thread(broker.reload, acme.fleet.revoked)
@@ -259,7 +253,7 @@ async def test_an_embedded_broker_with_an_identity(acme: Authority, tmp_path: Pa
     assert broker.url == "mqtts://127.0.0.1:18831"
     running = asyncio.create_task(broker.run())
     try:
-        await until(lambda: (tmp_path / "seen.conf").exists())
+        await eventually(lambda: (tmp_path / "seen.conf").exists(), "the broker starts")
         text = (tmp_path / "seen.conf").read_text()
         assert "listener 18831 127.0.0.1\nmax_connections 2000\n" in text
         assert "\nallow_anonymous false\nrequire_certificate true\n" in text
@@ -268,7 +262,7 @@ async def test_an_embedded_broker_with_an_identity(acme: Authority, tmp_path: Pa
         acme.revoke("drone1")
         await asyncio.to_thread(broker.reload)
         assert "user drone1\n" not in access.read_text()
-        await until(lambda: (tmp_path / "said").exists())
+        await eventually(lambda: (tmp_path / "said").exists(), "the broker is told")
         assert "user fog1\n" in access.read_text()
         given, lists = acme.fleet.revoked, [folder / "revoked.pem", folder / "newest.pem"]
         acme.revoke("fog1")

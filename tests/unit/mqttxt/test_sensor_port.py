@@ -28,6 +28,7 @@ from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.readings import ReadingAck
 from mqttxt.protocol.topics import FogSide
 from mqttxt.station.ground_station import GroundStation
+from tests.rigs.processes import eventually
 from tests.simulation.carrying import inbound, reading
 
 NOWHERE = BrokerAddress.parse("mqtt://127.0.0.1:1")
@@ -40,7 +41,6 @@ class PortBench:
         self.carrier = Carrier(1, Channel("fog", "", Settings()), FogSide())
         self.out: list[Any] = []
         self.acknowledged: list[Any] = []
-        self.changed = asyncio.Event()
         events: Any = None
         self.port = SensorPort(SensorOptions(NOWHERE, path, limit), self.carrier, 1, events, self.carry_out, lambda: 0)
         self.port._receipts = Receipts(self.acknowledged.append)
@@ -48,7 +48,6 @@ class PortBench:
     def carry_out(self, effects: Any) -> None:
         for effect in effects:
             self.port.does.get(type(effect), self.out.append)(effect)
-        self.changed.set()
 
     def receive(self, seq: int, receipt: tuple[int, int] | None = None) -> None:
         self.carry_out(self.carrier.on_message(inbound(reading(seq), receipt), 0))
@@ -57,12 +56,6 @@ class PortBench:
         """What sensors were told to be stored."""
         acks = [e for e in self.out if isinstance(e, Publish) and e.topic == "sensor_ack"]
         return [key.seq for ack in acks for key in decode(ReadingAck, ack.payload).readings]
-
-    async def until(self, condition: Any) -> None:
-        async with asyncio.timeout(20):
-            while not condition():
-                self.changed.clear()
-                await self.changed.wait()
 
 
 @contextlib.asynccontextmanager
@@ -81,7 +74,7 @@ async def test_readings_are_stored_beside_the_loop_and_then_acknowledged_in_orde
             bench.receive(seq, (1, seq))
         bench.carry_out(bench.carrier.on_message(Inbound("sensor1/temperature", b"bad", 1, False, (1, 20)), 0))
         assert bench.acknowledged == []  # the malformed one waits for its turn
-        await bench.until(lambda: len(bench.acknowledged) == 21)
+        await eventually(lambda: len(bench.acknowledged) == 21, "all are acknowledged")
         assert bench.acknowledged == [(1, n) for n in range(21)]
         assert bench.safe() == list(range(20))
 
@@ -90,30 +83,34 @@ async def test_a_full_store_takes_in_again_what_has_room_after_an_acknowledgemen
     async with working(PortBench(tmp_path / "store", limit=1)) as bench:
         bench.receive(0)
         bench.receive(1)
-        await bench.until(lambda: any(isinstance(e, Log) for e in bench.out))
+        await eventually(lambda: any(isinstance(e, Log) for e in bench.out), "one is refused")
         assert bench.safe() == [0]
         bench.carry_out([ForgetReadings((reading(0).key,))])
         bench.receive(1)
-        await bench.until(lambda: bench.safe() == [0, 1])
+        await eventually(lambda: bench.safe() == [0, 1], "the other is stored too")
 
 
 async def test_after_an_error_of_the_disk_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensors, "PAUSE_S", 0.0)
     async with working(PortBench(tmp_path / "store")) as bench:
         bench.receive(0)
-        await bench.until(lambda: bench.safe() == [0])
+        await eventually(lambda: bench.safe() == [0], "the first is stored")
         store = bench.port._store
         healthy = store._database
         store._database = Broken()  # type: ignore[assignment]
         bench.carry_out(bench.carrier.on_fog_up(0))
         bench.carry_out([ForgetReadings((reading(0).key,))])
         bench.receive(1)
-        await bench.until(lambda: any(isinstance(e, Log) and "disk I/O error" in e.detail for e in bench.out))
+        await eventually(
+            lambda: any(isinstance(e, Log) and "disk I/O error" in e.detail for e in bench.out), "the error is told"
+        )
         assert bench.safe() == [0]
         store._database = healthy
         bench.receive(1)
-        await bench.until(lambda: bench.safe() == [0, 1])
-        await bench.until(lambda: [e.topic for e in bench.out if getattr(e, "link", "") == "fog"] != [])
+        await eventually(lambda: bench.safe() == [0, 1], "the second is stored")
+        await eventually(
+            lambda: [e.topic for e in bench.out if getattr(e, "link", "") == "fog"] != [], "what waits is sent"
+        )
         assert len(store) == 1  # what was to be forgotten meanwhile is forgotten
 
 
@@ -173,10 +170,7 @@ def test_receipts_that_become_safe_out_of_order_wait_for_those_before_them() -> 
 
 
 def test_other_effects_are_not_the_ports(tmp_path: Path) -> None:
-    async def check() -> bool:
-        return Journal in PortBench(tmp_path / "store").port.does
-
-    assert asyncio.run(check()) is False
+    assert Journal not in PortBench(tmp_path / "store").port.does
 
 
 @pytest.mark.parametrize(

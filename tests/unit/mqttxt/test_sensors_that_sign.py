@@ -13,8 +13,6 @@ from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.core.settings import Settings
 from mqttxt.core.transport import Transport
 from mqttxt.drone.effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
-from mqttxt.drone.options import UavOptions
-from mqttxt.drone.role import UavClient
 from mqttxt.drone.sensors.carrier import SENSORS
 from mqttxt.drone.sensors.store import Batch, SensorStore
 from mqttxt.errors import ConfigurationError
@@ -26,7 +24,7 @@ from mqttxt.station.outcomes import SensorReading
 from sensor.node import SensorNode, SensorOptions
 from tests.simulation.carrying import reading
 from tests.simulation.signing import seal
-from tests.simulation.world import UAV_SESSION, World
+from tests.simulation.world import World
 
 KIND = "temperature"
 
@@ -43,10 +41,7 @@ def said(seq: int, by: str = "sensor1", as_topic: str = f"sensor1/{KIND}", fleet
 
 @pytest.fixture
 def world() -> World:
-    made = World(signed=True, seal=reader)
-    options = UavOptions(carries_sensors=True)
-    made.uav = UavClient(1, UAV_SESSION, Settings(), options=options, seal=reader("drone1"), fog=1)
-    made.start().pass_time(1000)
+    made = World(signed=True, seal=reader, carries_sensors=True).start(1000)
     made.logs.clear()
     made.sent.clear()
     return made
@@ -120,15 +115,13 @@ def test_a_reading_travels_as_it_was_signed_and_a_station_is_shown_the_certifica
 @pytest.mark.parametrize("place", ["activator", "gs"])
 def test_nobody_makes_up_a_reading_on_its_way(world: World, place: str, by: str) -> None:
     payload = encode(reading(7).message) if by == "unsigned" else said(7, by=by).encode()
-    role, link, root = (world.activator, "fog", "") if place == "activator" else (world.gs, "cloud", "fog1/")
-    out: list[Any] = list(role.on_message(link, Inbound(f"{root}drone1/sensor1/{KIND}", payload, 1), world.now_ms))
-    assert [type(effect) for effect in out] == [Log]
+    root = "" if place == "activator" else "fog1/"
+    assert [type(effect) for effect in world.hears(place, f"{root}drone1/sensor1/{KIND}", payload)] == [Log]
 
 
 def test_a_reading_that_is_shown_as_another_drones_is_no_new_one(world: World) -> None:
     for drone in (1, 2):
-        message = Inbound(f"fog1/drone{drone}/sensor1/{KIND}", said(5).encode(), 1)
-        world.run("gs", world.gs.on_message("cloud", message, world.now_ms))
+        world.run("gs", world.hears("gs", f"fog1/drone{drone}/sensor1/{KIND}", said(5).encode()))
     assert heard(world) == [5]
 
 
@@ -140,11 +133,9 @@ def test_a_stored_reading_without_a_signature_keeps_its_place_in_the_store_and_n
 
 def test_a_revoked_sensors_readings_make_room_for_others() -> None:
     """Nobody takes them any more; they stay on the disk."""
-    world = World(signed=True, seal=reader)
     drone = reader("drone1")
-    options = UavOptions(carries_sensors=True)
-    world.uav = UavClient(1, UAV_SESSION, Settings(), options=options, seal=drone, fog=1)
-    world.start().pass_time(1000)
+    world = World(signed=True, seal=lambda name: drone if name == "drone1" else reader(name), carries_sensors=True)
+    world.start(1000)
     carry(world, signed_reading(1))
     fleet, certificate = drone.identity.fleet, seal("sensor1").certificate
     fleet.take(replace(fleet.revoked, number=fleet.revoked.number + 1, serials=frozenset({certificate.serial})))

@@ -94,6 +94,13 @@ class Field:
     def hear(self, topic: str, message: Any) -> None:
         self.runner.received("cloud", Inbound(self.prefix + topic, encode(message), 1))
 
+    def hear_place(self) -> Location:
+        """Drone 1 says where it is."""
+        state = Location(47.4, 8.5, 500.0, 12.0)
+        payload = encode_state(StampedState(state, 0, 0), Encoding.CBOR)
+        self.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+        return state
+
     def fog(self, number: int = 1) -> Fog:
         return self.gs.fog(number)
 
@@ -111,6 +118,12 @@ class Field:
         self.hear(f"fog{fog}/commands_result/{command.command.name}", FogResultMessage(**head, **fields))
 
 
+@pytest.fixture
+async def field() -> Field:
+    """With one fog."""
+    return Field(1)
+
+
 async def turns(count: int = 5) -> None:
     """Let what is ready run."""
     for _ in range(count):
@@ -126,8 +139,7 @@ def topics(field: Field) -> list[str]:
     return [publish.topic for publish in field.sent]
 
 
-async def test_the_call_sends_and_an_await_gives_the_last_word() -> None:
-    field = Field(1)
+async def test_the_call_sends_and_an_await_gives_the_last_word(field: Field) -> None:
     sent = field.fog().drone(1).takeoff(10)
     assert topics(field) == ["fog1/drone1/commands"]
     assert decode(CommandMessage, field.sent[0].payload).command == Takeoff(10)
@@ -138,8 +150,7 @@ async def test_the_call_sends_and_an_await_gives_the_last_word() -> None:
     assert (outcome.drone, outcome.word, outcome.is_last) == (1, Word.COMPLETED, True)
 
 
-async def test_several_awaits_of_one_command_send_it_once_and_get_the_same_answer() -> None:
-    field = Field(1)
+async def test_several_awaits_of_one_command_send_it_once_and_get_the_same_answer(field: Field) -> None:
     sent = field.fog().drone(1).arm()
     waiting = [asyncio.ensure_future(sent), asyncio.ensure_future(sent)]
     await turns()
@@ -149,8 +160,7 @@ async def test_several_awaits_of_one_command_send_it_once_and_get_the_same_answe
     assert len(field.sent) == 1
 
 
-async def test_who_makes_a_task_of_it_wrongly_is_told_that_it_was_sent_and_how_to() -> None:
-    field = Field(1)
+async def test_who_makes_a_task_of_it_wrongly_is_told_that_it_was_sent_and_how_to(field: Field) -> None:
     sent = field.fog().drone(1).arm()
     wrongly: Any = asyncio.create_task
     with pytest.raises(TypeError, match=r"the command was sent; asyncio\.ensure_future"):
@@ -161,8 +171,7 @@ async def test_who_makes_a_task_of_it_wrongly_is_told_that_it_was_sent_and_how_t
     assert (await task).completed
 
 
-async def test_a_cancelled_await_leaves_the_command_as_it_is() -> None:
-    field = Field(1)
+async def test_a_cancelled_await_leaves_the_command_as_it_is(field: Field) -> None:
     sent = field.fog().drone(1).land()
     other = asyncio.ensure_future(sent)
     with pytest.raises(TimeoutError):
@@ -175,8 +184,7 @@ async def test_a_cancelled_await_leaves_the_command_as_it_is() -> None:
     assert len(field.sent) == 1
 
 
-async def test_every_iteration_begins_with_the_first_word_also_behind_an_exception() -> None:
-    field = Field(1)
+async def test_every_iteration_begins_with_the_first_word_also_behind_an_exception(field: Field) -> None:
     sent = field.fog().drone(1).send(Goto(47.4, 8.5, 10))
     field.say(Word.IN_PROGRESS, percent=40)
     with pytest.raises(ZeroDivisionError):
@@ -191,8 +199,7 @@ async def test_every_iteration_begins_with_the_first_word_also_behind_an_excepti
     assert len(field.sent) == 1
 
 
-async def test_a_broadcast_that_nobody_awaits_is_sent() -> None:
-    field = Field(1)
+async def test_a_broadcast_that_nobody_awaits_is_sent(field: Field) -> None:
     field.fog().broadcast(Arm())
     gc.collect()
     assert topics(field) == ["fog1/commands"]
@@ -215,8 +222,7 @@ async def test_a_broadcast_is_completed_where_every_drone_has_done_it_and_there_
         assert outcomes.completed is completed
 
 
-async def test_a_broadcast_that_the_fog_refuses_is_one_answer_without_a_drone() -> None:
-    field = Field(1)
+async def test_a_broadcast_that_the_fog_refuses_is_one_answer_without_a_drone(field: Field) -> None:
     sent = field.fog().broadcast(Arm())
     field.answer_fog(denied="no_drones")
     (outcome,) = await sent
@@ -241,8 +247,7 @@ async def test_what_cannot_be_is_refused_by_the_call_and_nothing_is_sent(call: A
     assert field.sent == []
 
 
-async def test_without_a_live_activator_the_call_says_so_and_nothing_is_sent() -> None:
-    field = Field(1)
+async def test_without_a_live_activator_the_call_says_so_and_nothing_is_sent(field: Field) -> None:
     fog = field.fog()
     field.hear("fog1/reachable", FogPresence(session=SESSION, up=False))
     for call in (lambda: fog.broadcast(Arm()), lambda: fog.drone(1).arm(), lambda: field.gs.best(NEAR)):
@@ -269,8 +274,7 @@ async def test_a_drone_is_that_of_the_fog_that_reaches_it() -> None:
         field.gs.drone(251)
 
 
-async def test_some_drones_of_a_fog_are_taken_over_by_its_fog_and_by_the_station() -> None:
-    field = Field(1)
+async def test_some_drones_of_a_fog_are_taken_over_by_its_fog_and_by_the_station(field: Field) -> None:
     for take_over in (field.fog().take_over, partial(field.gs.take_over, 1)):
         before = len(field.published)
         with pytest.raises(FogUnreachable, match="fog 1"):
@@ -279,8 +283,7 @@ async def test_some_drones_of_a_fog_are_taken_over_by_its_fog_and_by_the_station
         assert [registration.drones for registration in taken][:1] == [(2, 3)]
 
 
-async def test_a_drone_of_which_only_an_old_record_is_there_keeps_no_takeover_waiting() -> None:
-    field = Field(1)
+async def test_a_drone_of_which_only_an_old_record_is_there_keeps_no_takeover_waiting(field: Field) -> None:
     field.hear("fog1/drone3/reachable", DroneRecord(activator_session=7, up=True, drone_session=4))
     field.hear("fog1/drone1/reachable", DroneRecord(activator_session=SESSION, up=True, drone_session=5))
     taking = asyncio.ensure_future(field.fog().take_over(timeout_s=5))
@@ -308,19 +311,15 @@ async def test_before_connect_every_call_gives_its_documented_error() -> None:
         await gs.connect([1])
 
 
-async def test_events_are_kept_from_the_call_on() -> None:
-    field = Field(1)
+async def test_events_are_kept_from_the_call_on(field: Field) -> None:
     events = field.gs.events()
-    state = Location(47.4, 8.5, 500.0, 12.0)
-    payload = encode_state(StampedState(state, 0, 0), Encoding.CBOR)
-    field.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+    state = field.hear_place()
     update = await anext(events)
     assert isinstance(update, StateUpdate)
     assert update.state == state
 
 
-async def test_a_stream_of_events_that_nobody_holds_is_forgotten() -> None:
-    field = Field(1)
+async def test_a_stream_of_events_that_nobody_holds_is_forgotten(field: Field) -> None:
     field.gs.events()
     kept = field.gs.events()
     gc.collect()
@@ -328,14 +327,11 @@ async def test_a_stream_of_events_that_nobody_holds_is_forgotten() -> None:
     assert kept is aiter(kept)
 
 
-async def test_a_state_comes_by_its_type_with_its_age() -> None:
-    field = Field(1)
+async def test_a_state_comes_by_its_type_with_its_age(field: Field) -> None:
     drone = field.fog().drone(1)
     assert drone.location is None
     assert drone.states == {}
-    state = Location(47.4, 8.5, 500.0, 12.0)
-    payload = encode_state(StampedState(state, 0, 0), Encoding.CBOR)
-    field.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+    state = field.hear_place()
     known = drone.location
     assert known is not None
     assert known.state == state
@@ -362,12 +358,10 @@ def test_a_state_whose_age_is_asked_for_late_is_no_younger_than_its_arrival() ->
         assert asked_ms - 1000 <= age_ms < asked_ms + 2000
 
 
-async def test_what_waited_while_the_process_stood_still_for_minutes_is_not_taken() -> None:
+async def test_what_waited_while_the_process_stood_still_for_minutes_is_not_taken(field: Field) -> None:
     """Stamps would give it the age and the order of a new state."""
-    field = Field(1)
     field.runner.ticked_ms -= 200_000
-    payload = encode_state(StampedState(Location(47.4, 8.5, 500.0, 12.0), 0, 0), Encoding.CBOR)
-    field.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+    field.hear_place()
     assert field.given_up == ["this process stood still, and what it has received is old"]
     assert field.fog().drone(1).states == {}
 
@@ -383,9 +377,8 @@ async def test_after_minutes_of_standing_still_it_connects_anew_also_where_nothi
     assert len(field.given_up) == times
 
 
-async def test_a_drone_is_not_reachable_while_nothing_is_heard_of_its_fog() -> None:
+async def test_a_drone_is_not_reachable_while_nothing_is_heard_of_its_fog(field: Field) -> None:
     """A program may ask before its station, which stood still, has noticed."""
-    field = Field(1)
     field.hear("fog1/drone1/reachable", DroneRecord(activator_session=SESSION, up=True, drone_session=5))
     drone = field.fog().drone(1)
     assert drone.is_reachable
@@ -394,8 +387,7 @@ async def test_a_drone_is_not_reachable_while_nothing_is_heard_of_its_fog() -> N
     assert not drone.is_reachable
 
 
-async def test_connect_names_what_each_fog_lacks() -> None:
-    field = Field(1)
+async def test_connect_names_what_each_fog_lacks(field: Field) -> None:
     view = field.runner.station.fogs[1]
     assert field.runner.missing(view) == "its activator has not confirmed the registration"
     view.up = False
@@ -416,9 +408,8 @@ async def test_connect_names_what_each_fog_lacks() -> None:
     assert field.runner.missing(view) == "no connection to mqtt://127.0.0.1:1 (Connection refused)"
 
 
-async def test_a_fog_that_signs_is_told_from_one_that_is_not_there() -> None:
+async def test_a_fog_that_signs_is_told_from_one_that_is_not_there(field: Field) -> None:
     """By its type: the command adds no advice about addresses then."""
-    field = Field(1)
     field.hear("fog1/reachable", FogPresence(session=SESSION, up=False))
     signed = Envelope(encode(FogPresence(session=7, up=True)), bytes(4), bytes(64)).encode()
     field.runner.received("cloud", Inbound("fog1/reachable", signed))
@@ -491,8 +482,7 @@ async def test_fogs_that_answer_no_offer_are_named_and_nobody_is_sent() -> None:
 # The end of the station
 
 
-async def test_who_waits_for_a_command_hears_that_the_station_was_left_and_a_later_call_too() -> None:
-    field = Field(1)
+async def test_who_waits_for_a_command_hears_that_the_station_was_left_and_a_later_call_too(field: Field) -> None:
     drone = field.fog().drone(1)
     async with field.gs:
         sent = drone.arm()
@@ -533,9 +523,8 @@ async def test_a_choice_releases_what_it_holds_when_the_station_is_left() -> Non
 # Other threads and event loops
 
 
-async def test_another_thread_or_loop_is_refused_and_nothing_is_sent() -> None:
+async def test_another_thread_or_loop_is_refused_and_nothing_is_sent(field: Field) -> None:
     """A wait there would never be woken, and a command could leave amid another one's bytes."""
-    field = Field(1)
     drone = field.fog().drone(1)
 
     async def in_another_loop() -> None:

@@ -24,7 +24,6 @@ from mqttxt.security.seal import Seal
 from mqttxt.station.role import StationRole
 from tests.simulation.signed import (
     OTHER_SESSION,
-    delivered,
     kinds,
     last_sent,
     meet,
@@ -51,7 +50,7 @@ def registration(world: World, by: Seal, **changed: Any) -> list[Any]:
         "counter": 5,
     }
     payload = by.sign("fog1/init_connect", encode(Registration(**{**fields, **changed})), with_certificate=True)
-    return list(world.activator.on_message("cloud", Inbound("fog1/init_connect", payload.encode(), 1), world.now_ms))
+    return world.hears("activator", "fog1/init_connect", payload.encode())
 
 
 @pytest.mark.parametrize(
@@ -91,7 +90,7 @@ def test_an_old_birth_of_an_activator_that_a_broker_repeats_frees_no_control(wor
     birth = last_sent(world, "fog1/reachable")
     old = seal("fog1").sign(birth.topic, encode(FogPresence(session=OTHER_SESSION, up=True))).encode()
     for payload in (old, birth.payload):
-        world.run("gs", world.gs.on_message("cloud", Inbound(birth.topic, payload, 1), world.now_ms))
+        world.run("gs", world.hears("gs", birth.topic, payload))
         assert world.activator.leases.controls(GS_SESSION, 1)
     world.pass_time(100)
     assert world.gs.fogs[1].registered
@@ -104,7 +103,7 @@ def test_a_beacon_confirms_one_registration(world: World) -> None:
     world.gs.on_disconnected("cloud", world.now_ms)
     fog = world.gs.fogs[1]
     fog.up = True
-    world.gs.on_message("cloud", Inbound("fog1/clock", beacon.payload), world.now_ms)
+    world.hears("gs", "fog1/clock", beacon.payload)
     assert not fog.registered
 
 
@@ -156,7 +155,7 @@ def test_a_takeover_takes_a_right_and_a_registration(world: World) -> None:
 def test_a_takeover_is_told_to_everybody(world: World) -> None:
     taker = World(signed=True)
     taker.gs = StationRole("h", OTHER_SESSION, Settings(), seal=seal("gs-h"))
-    world.subscribed = [entry for entry in world.subscribed if entry[0] != "gs"]
+    world.deafen("gs")
     world.gs = taker.gs
     world.gs.add_fogs([1])
     world.run("gs", world.gs.on_connected("cloud", world.now_ms))
@@ -170,8 +169,7 @@ def test_a_takeover_is_told_to_everybody(world: World) -> None:
 
 def test_a_will_frees_no_control(world: World) -> None:
     will = world.gs.will()
-    out = world.activator.on_message("cloud", Inbound(will.topic, will.payload, 1), world.now_ms)
-    assert list(out) == []
+    assert world.hears("activator", will.topic, will.payload) == []
     assert world.activator.leases.controls(GS_SESSION, 1)
 
 
@@ -183,16 +181,15 @@ def lease(by: str, **changed: Any) -> Envelope:
 
 def test_a_drone_takes_leases_of_its_own_fog_alone(world: World) -> None:
     for by in ("fog2", "gs-g", "drone1"):
-        out = world.uav.on_message("fog", Inbound("drone1/init_connect", lease(by, bound=False).encode(), 1), 2000)
-        assert kinds(list(out))[0] in ("unknown_signer", "certificate", "forged"), by
-    out = world.uav.on_message("fog", Inbound("drone1/init_connect", lease("fog1", bound=False).encode(), 1), 2000)
-    assert [type(effect) for effect in out] == [Stop]
+        out = world.hears("uav", "drone1/init_connect", lease(by, bound=False).encode())
+        assert kinds(out)[0] in ("unknown_signer", "certificate", "forged"), by
+    assert [type(effect) for effect in refused(world)] == [Stop]
 
 
 def refused(world: World, **changed: Any) -> list[Any]:
     """What the UAV client does when its fog's key says that another one is the drone."""
     payload = lease("fog1", bound=False, **changed).encode()
-    return list(world.uav.on_message("fog", Inbound("drone1/init_connect", payload, 1), world.now_ms))
+    return world.hears("uav", "drone1/init_connect", payload)
 
 
 def test_no_activator_stops_a_bound_client_in_flight(world: World) -> None:
@@ -214,7 +211,7 @@ def test_no_activator_stops_a_bound_client_in_flight(world: World) -> None:
 def show_presence(world: World, up: bool) -> None:
     """Another client's birth or its end, on the drone's topic."""
     foreign = seal("drone1").sign("drone1/reachable", encode(Presence(session=7, up=up)), with_certificate=True)
-    world.uav.on_message("fog", Inbound("drone1/reachable", foreign.encode(), 1, True), world.now_ms)
+    world.hears("uav", "drone1/reachable", foreign.encode(), retain=True)
 
 
 def births(world: World) -> int:
@@ -256,14 +253,14 @@ def test_a_client_that_is_bound_again_goes_on_after_its_flight(world: World) -> 
 
 def test_no_activator_makes_control_last_longer_than_its_station_has_granted(world: World) -> None:
     wide = lease("fog1", holder="g", holder_session=GS_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
-    world.uav.on_message("fog", Inbound("drone1/init_connect", wide.encode(), 1), world.now_ms)
+    world.hears("uav", "drone1/init_connect", wide.encode())
     until_ms = world.uav.desk.executor.lease.until_ms
     assert until_ms is not None
     assert world.now_ms < until_ms <= world.now_ms + 30_000
     assert world.uav.desk.executor.lease.offboard_until_ms == 0
     longest = {"deadline_ms": 2**40, "offboard_until_ms": 2**40}
     nobodys = lease("fog1", counter=1000, holder="h", holder_session=OTHER_SESSION, **longest)
-    world.uav.on_message("fog", Inbound("drone1/init_connect", nobodys.encode(), 1), world.now_ms)
+    world.hears("uav", "drone1/init_connect", nobodys.encode())
     assert not world.uav.is_controlled(world.now_ms)
 
 
@@ -277,7 +274,7 @@ def control(world: World) -> tuple[int | None, int, bool]:
 
 
 def deliver(world: World, publish: Publish) -> None:
-    world.run("uav", world.uav.on_message("fog", Inbound(*delivered(publish)), world.now_ms))
+    world.run("uav", world.hears("uav", publish.topic, publish.payload))
 
 
 def test_a_station_that_does_not_control_the_drone_is_denied_by_the_drone_itself(world: World) -> None:
@@ -318,22 +315,17 @@ def test_a_session_is_in_control_for_the_station_alone_that_the_lease_names(made
     grant = other.sign(
         "drone1/control", encode(Grant(gs_session=GS_SESSION, drone_session=UAV_SESSION, until_ms=10**6))
     )
-    out = world.uav.on_message("fog", Inbound("drone1/control", grant.encode(), 1), world.now_ms)
-    assert kinds(list(out)) == ["foreign_session"]
+    assert kinds(world.hears("uav", "drone1/control", grant.encode())) == ["foreign_session"]
     world.drop = set()
     world.pass_time(11_000)
-    world.run("uav", world.uav.on_message("fog", stations_birth(world), world.now_ms))
+    world.run("uav", world.hears("uav", "drone1/stations", last_sent(world, "gs/g/reachable").payload))
     world.send(Arm())
     assert len(world.wrote) == 1
 
 
-def stations_birth(world: World) -> Inbound:
-    return Inbound("drone1/stations", last_sent(world, "gs/g/reachable").payload, 1)
-
-
 def test_a_lease_that_names_no_station_gives_nobody_control(world: World) -> None:
     nobodys = lease("fog1", holder_session=GS_SESSION, deadline_ms=2**40)
-    world.uav.on_message("fog", Inbound("drone1/init_connect", nobodys.encode(), 1), world.now_ms)
+    world.hears("uav", "drone1/init_connect", nobodys.encode())
     assert said(to_drone(world, signed_command())) == [(Word.DENIED, "not_in_control")]
 
 
@@ -395,14 +387,14 @@ def ask(world: World) -> list[Any]:
     """What the drone does when the station that has the lease asks for an object."""
     asked = BulkAsk(gs_session=GS_SESSION, kind="plan", nonce=1, ask=Get(0, 0))
     payload = seal("gs-g").sign("drone1/bulk", encode(asked)).encode()
-    return list(world.uav.on_message("fog", Inbound("drone1/bulk", payload), world.now_ms))
+    return world.hears("uav", "drone1/bulk", payload)
 
 
 def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:
     def grant(by: Seal, **changed: Any) -> list[Any]:
         fields = {"gs_session": GS_SESSION, "drone_session": UAV_SESSION, "until_ms": 10**6, **changed}
         payload = by.sign("drone1/control", encode(Grant(**fields))).encode()
-        return list(world.uav.on_message("fog", Inbound("drone1/control", payload, 1), world.now_ms))
+        return world.hears("uav", "drone1/control", payload)
 
     meet(world, seal("gs-h"), OTHER_SESSION)
     assert kinds(grant(seal("gs-h"))) == ["foreign_session"]
@@ -410,12 +402,7 @@ def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:
     grant(seal("gs-g"), until_ms=1)
     grant(seal("gs-g"), drone_session=5)
     assert world.uav.desk.executor.lease.until_ms == before_ms
-    out = world.activator.on_message(
-        "cloud",
-        Inbound("fog1/drone1/control", seal("gs-h").sign("drone1/control", b"\x80").encode(), 1),
-        world.now_ms,
-    )
-    assert kinds(list(out))
+    assert kinds(world.hears("activator", "fog1/drone1/control", seal("gs-h").sign("drone1/control", b"\x80").encode()))
 
 
 def test_grants_are_bounded() -> None:

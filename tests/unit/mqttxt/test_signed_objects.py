@@ -6,7 +6,7 @@ import pytest
 
 from mqttxt.core.channel import LATE_MS, SPAN_MS, Channel
 from mqttxt.core.clock import stamp
-from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.effects import Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.plan_keeper import SURE_MS
 from mqttxt.protocol.codec import encode
@@ -117,14 +117,13 @@ def ranking(world: World, drone: int) -> bytes:
 
 def shown(world: World, payload: bytes) -> list[int]:
     """Which drones the station shows once this has come."""
-    world.run("gs", world.gs.on_message("cloud", Inbound("fog1/QoDS", payload), world.now_ms))
+    world.run("gs", world.hears("gs", "fog1/QoDS", payload))
     return [ranked.drone for ranked in world.gs.fogs[1].ranking]
 
 
 def test_an_older_ranking_is_not_shown_as_the_one_of_now() -> None:
     """Nor when its stamp, after minutes in which a broker has passed on none, says nothing any more."""
-    world = World(signed=True, drop={"QoDS"}).start()
-    world.pass_time(1000)
+    world = World(signed=True, drop={"QoDS"}).start(1000)
     first = ranking(world, 1)
     assert shown(world, first) == [1]
     world.pass_time(1000)

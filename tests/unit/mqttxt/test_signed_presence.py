@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from mqttxt.activator.drone_link import DroneLink
 from mqttxt.activator.role import Activator
+from mqttxt.activator.selector import Reservation
 from mqttxt.cli.uav import _own_fog
 from mqttxt.core.effects import Inbound, Log, Publish, Stop
 from mqttxt.core.settings import Settings
@@ -27,7 +28,7 @@ from mqttxt.security.addressed import Addressed
 from mqttxt.security.cose import Envelope
 from mqttxt.station.ground_station import GroundStation
 from tests.examples import examples
-from tests.simulation.signed import kinds, last_sent, outcomes, said, to_drone
+from tests.simulation.signed import chosen, kinds, last_sent, outcomes, said, to_drone
 from tests.simulation.signing import seal
 from tests.simulation.world import (
     FOG_SESSION,
@@ -78,16 +79,16 @@ def test_beacons_are_the_drones_own_at_activator_and_station(world: World) -> No
     before = clock.deadline_ms(world.now_ms, 0)
     for by, topic in (("fog1", "drone1/clock"), ("drone2", "drone1/clock"), ("drone1", "drone1/state/clock")):
         payload = seal(by).sign(topic, ahead).encode()
-        assert kinds(list(world.gs.on_message("cloud", Inbound("fog1/drone1/clock", payload), world.now_ms)))
-        assert kinds(list(world.activator.on_message("fog", Inbound("drone1/clock", payload), world.now_ms)))
+        assert kinds(world.hears("gs", "fog1/drone1/clock", payload))
+        assert kinds(world.hears("activator", "drone1/clock", payload))
     assert clock.deadline_ms(world.now_ms, 0) == before
 
 
 def test_an_old_echo_does_not_refuse_a_newcomer(world: World) -> None:
     echo = next(publish for _, publish in world.sent if publish.topic == "drone1/clock")
     birth = seal("drone1").sign("drone1/reachable", encode(Presence(session=0x44, up=True)), with_certificate=True)
-    world.activator.on_message("fog", Inbound("drone1/reachable", birth.encode(), 1), world.now_ms)
-    out = world.activator.on_message("fog", Inbound("drone1/clock", echo.payload), world.now_ms)
+    world.hears("activator", "drone1/reachable", birth.encode())
+    out = world.hears("activator", "drone1/clock", echo.payload)
     leases = [e for e in out if isinstance(e, Publish) and e.topic == "drone1/init_connect"]
     assert leases == []
 
@@ -123,8 +124,7 @@ def test_nothing_that_somebody_adds_to_a_message_is_passed_on(world: World, topi
         BeaconMessage(session=UAV_SESSION, now_ms=5) if "clock" in topic else Presence(session=GS_SESSION, up=True)
     )
     padded = seal(signer).sign(topic, encode(message), with_certificate=True).routed(b"\0" * 50_000)
-    link = "cloud" if topic.startswith("gs") else "fog"
-    out = list(world.activator.on_message(link, Inbound(topic, padded.encode(), 1), world.now_ms))
+    out = world.hears("activator", topic, padded.encode())
     assert [type(effect) for effect in out] == [Log]
 
 
@@ -133,8 +133,8 @@ def test_a_beacon_that_is_repeated_shows_nobody_as_reachable(world: World) -> No
     world.drop = {"clock"}
     for _ in range(4):
         world.pass_time(10_000)
-        world.activator.on_message("fog", Inbound("drone1/clock", beacon.payload), world.now_ms)
-        world.gs.on_message("cloud", Inbound("fog1/clock", of_fog.payload), world.now_ms)
+        world.hears("activator", "drone1/clock", beacon.payload)
+        world.hears("gs", "fog1/clock", of_fog.payload)
     assert not world.activator.drones.links[1].announced
     assert not world.gs.fogs[1].is_live(world.now_ms)
 
@@ -178,8 +178,7 @@ def test_an_own_record_that_the_next_one_replaces_is_not_repeated(world: World) 
 
 
 def test_what_is_signed_may_be_json() -> None:
-    world = World(signed=True, encoding=Encoding.JSON).start()
-    world.pass_time(1000)
+    world = World(signed=True, encoding=Encoding.JSON).start(1000)
     for command, drone in ((Arm(), 1), (Hold(), None)):
         world.heard.clear()
         world.wrote.clear()
@@ -208,8 +207,7 @@ def test_a_malformed_json_command_of_a_station_is_answered(world: World) -> None
         b'{"version":1,"gs_session":17,"seq":9,"executor_session":51,"deadline_ms":5000,"limit_s":1,"command":"x"}'
     )
     payload = payload.replace(b"17", str(GS_SESSION).encode(), 1)
-    out = to_drone(world, seal("gs-g").sign("drone1/commands", payload))
-    assert [word for word, _ in said(out)] == [Word.DENIED]
+    assert [word for word, _ in said(to_drone(world, seal("gs-g").sign("drone1/commands", payload)))] == [Word.DENIED]
 
 
 # A choice of a drone.
@@ -221,19 +219,8 @@ def test_no_fog_chooses_by_itself(world: World) -> None:
     with pytest.raises(ConfigurationError, match="an offer and a commit"):
         world.gs.commands.select(world.gs.fog(1), TARGET, world.now_ms)
     select = world.gs.commands._channel.payload  # as a station of another make would sign it
-    from mqttxt.protocol.rankings import SelectMessage
-
-    message = SelectMessage(
-        gs_session=GS_SESSION,
-        seq=50,
-        executor_session=FOG_SESSION,
-        deadline_ms=world.now_ms + 5000,
-        limit_s=60.0,
-        mode=SelectMode.SELECT,
-        command=TARGET,
-    )
-    inbound = Inbound("fog1/commands/goto", select("fog1/commands/goto", message), 1)
-    assert kinds(list(world.activator.on_message("cloud", inbound, world.now_ms))) == ["not_signed"]
+    payload = select("fog1/commands/goto", chosen(world, SelectMode.SELECT, TARGET))
+    assert kinds(world.hears("activator", "fog1/commands/goto", payload)) == ["not_signed"]
 
 
 def test_a_commit_is_signed_for_the_drone_that_was_offered(world: World) -> None:
@@ -244,8 +231,6 @@ def test_a_commit_is_signed_for_the_drone_that_was_offered(world: World) -> None
     world.run("gs", outputs)
     answer = decode(PsmiMessage, decode_signed(last_sent(world, "fog1/PSMI").payload))
     assert answer.id == offer
-    from mqttxt.activator.selector import Reservation
-
     held._reservations[offer] = Reservation(1, TARGET, world.now_ms + 30_000)
     _, outputs = world.gs.commands.select(
         world.gs.fog(1), TARGET, world.now_ms, mode=SelectMode.COMMIT, reservation=offer.seq, drone=1
@@ -363,6 +348,4 @@ def test_nobody_fails_by_what_is_not_signed(role: str, payload: Any, data: st.Da
 
 @cache
 def _running() -> World:
-    made = World(signed=True).start()
-    made.pass_time(1000)
-    return made
+    return World(signed=True).start(1000)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from mqttxt.activator.sensor_relay import MOST_WAITING, Carried
-from mqttxt.core.effects import Inbound, Log
+from mqttxt.core.effects import Log
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import ForgetReadings
-from mqttxt.drone.options import UavOptions
-from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.readings import MOST_ACKNOWLEDGED, ReadingAck
 from mqttxt.security.cose import Envelope
@@ -21,7 +17,7 @@ from mqttxt.station.outcomes import SensorReading
 from mqttxt.station.role import StationRole
 from tests.simulation.carrying import reading
 from tests.simulation.signing import seal
-from tests.simulation.world import UAV_SESSION, World
+from tests.simulation.world import World
 
 ACK = "drone1/sensor_ack"
 
@@ -29,10 +25,7 @@ ACK = "drone1/sensor_ack"
 @pytest.fixture
 def world() -> World:
     """A drone that carries sensors, in a fleet that signs, and a station that is registered."""
-    made = World(signed=True)
-    options = UavOptions(carries_sensors=True)
-    made.uav = UavClient(1, UAV_SESSION, Settings(), options=options, seal=seal("drone1"), fog=1)
-    made.start().pass_time(1000)
+    made = World(signed=True, carries_sensors=True).start(1000)
     made.logs.clear()
     return made
 
@@ -68,7 +61,7 @@ def test_a_reading_leaves_the_drone_when_a_station_says_that_it_has_it(world: Wo
 
 
 def test_a_broker_that_takes_readings_and_delivers_none_empties_no_store(world: World) -> None:
-    world.subscribed = [entry for entry in world.subscribed if entry[0] != "gs"]
+    world.deafen("gs")
     carry(world, 1)
     ref = Carried(1, reading(1).key)
     world.run("activator", world.activator.on_published("cloud", ref, 0, world.now_ms))
@@ -97,15 +90,14 @@ def test_nobody_elses_acknowledgement_counts(world: World, by: str) -> None:
         "another topic": lambda: ack_of(seal("gs-g"), 1, topic="drone2/sensor_ack"),
         "unsigned": lambda: encode(ReadingAck(readings=(reading(1).key,))),
     }.get(by, lambda: ack_of(seal(by), 1))()
-    for role, link, topic in ((world.uav, "fog", ACK), (world.activator, "cloud", "fog1/drone1/sensor_ack")):
-        out: list[Any] = list(role.on_message(link, Inbound(topic, forged, 1), world.now_ms))
-        assert [type(effect) for effect in out] == [Log]
+    for node, topic in (("uav", ACK), ("activator", "fog1/drone1/sensor_ack")):
+        assert [type(effect) for effect in world.hears(node, topic, forged)] == [Log]
 
 
 def test_who_may_only_observe_may_acknowledge(world: World) -> None:
     watcher = StationRole("sees", 0x57, Settings(), control=False, seal=seal("gs-sees", Rights(observe=True)))
     world.run("gs", world.gs.goodbye(world.now_ms))
-    world.subscribed = [entry for entry in world.subscribed if entry[0] != "gs"]
+    world.deafen("gs")
     world.gs = watcher
     world.gs.add_fogs([1])
     world.run("gs", world.gs.on_connected("cloud", world.now_ms))
@@ -120,8 +112,7 @@ def test_what_nobody_waits_for_is_not_passed_on(world: World) -> None:
     carry(world, 1)
     world.pass_time(100)
     again = ack_of(seal("gs-g"), 1)
-    out = list(world.activator.on_message("cloud", Inbound("fog1/" + ACK, again, 1), world.now_ms))
-    assert out == []
+    assert world.hears("activator", "fog1/" + ACK, again) == []
     for seq in range(10, 10 + 2 * MOST_WAITING):
         world.activator.sensors._wait(1, reading(seq).key)
     assert len(world.activator.sensors._waiting[1]) == MOST_WAITING

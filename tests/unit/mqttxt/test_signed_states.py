@@ -21,18 +21,16 @@ from tests.simulation.world import World, heartbeat, position
 SESSION = 0xD5
 
 
-def strict(name: str) -> Seal:
+def strict(name: str, fleet: str = "acme") -> Seal:
     """What a node signs with that signs states too."""
-    found = seal(name)
+    found = seal(name, fleet=fleet)
     found.signs_states = True
     return found
 
 
 @pytest.fixture
 def world() -> World:
-    made = World(signed=True, seal=strict).start()
-    made.pass_time(2000)
-    return made
+    return World(signed=True, seal=strict).start(2000)
 
 
 def states(world: World, topic: str = "drone1/state/location") -> list[Publish]:
@@ -55,13 +53,12 @@ def test_a_signature_costs_80_bytes(length: int, price: int) -> None:
 
 
 def test_bundles_are_signed_too() -> None:
-    world = World(signed=True, seal=strict, bundles=True).start()
-    world.pass_time(3000)
+    world = World(signed=True, seal=strict, bundles=True).start(3000)
     for topic in ("drone1/states", "fog1/states"):
         assert Envelope.parse(states(world, topic)[-1].payload).payload
     assert "location" in world.gs.fogs[1].drones[1].states
     forged = Envelope.parse(states(world, "fog1/states")[-1].payload).payload
-    assert [type(out) for out in world.gs.on_message("cloud", Inbound("fog1/states", forged), 3000)] == [Log]
+    assert [type(out) for out in world.hears("gs", "fog1/states", forged)] == [Log]
 
 
 @pytest.mark.parametrize("what", ["unsigned", "changed", "another drone's", "another fleet's", "on another topic"])
@@ -73,21 +70,14 @@ def test_what_is_not_the_drones_own_is_dropped(world: World, what: str) -> None:
         "another drone's": Channel("fog", "", Settings(), strict("drone2")).state_payload(
             "drone1/state/location", genuine.payload, world.uav.session, world.now_ms
         ),
-        "another fleet's": Channel("fog", "", Settings(), _of_another_fleet()).state_payload(
+        "another fleet's": Channel("fog", "", Settings(), strict("drone1", "other")).state_payload(
             "drone1/state/location", genuine.payload, world.uav.session, world.now_ms
         ),
         "on another topic": states(world, "drone1/state/armed")[-1].payload,
     }[what]
-    out: list[Any] = list(world.activator.on_message("fog", Inbound("drone1/state/location", forged), world.now_ms))
+    out: list[Any] = world.hears("activator", "drone1/state/location", forged)
     assert [type(effect) for effect in out] == [Log]
-    on_cloud = Inbound("fog1/drone1/state/location", forged)
-    assert [type(effect) for effect in world.gs.on_message("cloud", on_cloud, world.now_ms)] == [Log]
-
-
-def _of_another_fleet() -> Seal:
-    found = seal("drone1", fleet="other")
-    found.signs_states = True
-    return found
+    assert [type(effect) for effect in world.hears("gs", "fog1/drone1/state/location", forged)] == [Log]
 
 
 def opened(said_ms: int, heard_ms: int, session: int = SESSION) -> bytes:

@@ -12,8 +12,6 @@ from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.core.session_owners import MOST_OF_ONE, SessionOwners
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Journal
-from mqttxt.drone.options import UavOptions
-from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError, PayloadError
 from mqttxt.protocol.bulk import BulkAsk, Get, Put
 from mqttxt.protocol.codec import decode, encode
@@ -21,7 +19,7 @@ from mqttxt.protocol.commands import Arm, Goto, Hold
 from mqttxt.protocol.control import Registration
 from mqttxt.protocol.messages import CommandId, FogResultMessage, Word
 from mqttxt.protocol.plans import hash_of
-from mqttxt.protocol.rankings import SelectMessage, SelectMode
+from mqttxt.protocol.rankings import SelectMode
 from mqttxt.protocol.readings import ReadingAck
 from mqttxt.security.addressed import Addressed
 from mqttxt.security.authority import Authority
@@ -32,9 +30,20 @@ from mqttxt.security.seal import MOST_CERTIFICATES, Seal
 from mqttxt.station.outcomes import Outcome
 from mqttxt.station.role import StationRole
 from tests.simulation.carrying import reading
-from tests.simulation.signed import OTHER_SESSION, hear, kinds, meet, outcomes, said, signed_command, to_drone, word
+from tests.simulation.signed import (
+    OTHER_SESSION,
+    chosen,
+    hear,
+    kinds,
+    meet,
+    outcomes,
+    said,
+    signed_command,
+    to_drone,
+    word,
+)
 from tests.simulation.signing import ALL, authority, folder, seal
-from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, heartbeat, landed, position
+from tests.simulation.world import FOG_SESSION, GS_SESSION, World, heartbeat, landed, position
 
 
 def test_nobody_uses_another_stations_session(world: World) -> None:
@@ -79,7 +88,7 @@ def test_the_drone_looks_at_rights_itself_and_names_the_one_that_is_missing(worl
 def test_a_station_without_the_right_says_so_before_it_sends() -> None:
     world = World(signed=True)
     world.gs = StationRole("w", GS_SESSION, Settings(), seal=seal("gs-w", Rights(command=frozenset({2}))))
-    world.start().pass_time(1000)
+    world.start(1000)
     with pytest.raises(ConfigurationError, match="mqttxt:may/command/1"):
         world.send(Arm())
     assert not world.activator.leases.controls(GS_SESSION, 1)
@@ -118,21 +127,23 @@ def test_of_one_name_the_newest_certificates_are_kept() -> None:
         receiver.open_of_station("t", old.sign("t", b"x"))
 
 
+def ending_fleet(name: str, *stations: str) -> Authority:
+    """A fleet whose stations' certificates end before all others."""
+    fleet = authority(name)
+    for station in stations:
+        fleet.issue(station, ALL, 1.0)
+    for node in ("drone1", "fog1"):
+        fleet.issue(node, Rights(), 90.0)
+    return fleet
+
+
 def test_a_certificate_that_ends_in_flight_still_holds_lands_and_returns() -> None:
-    fleet, now_s = authority("ending"), time.time()
-    for name, rights, days in (
-        ("gs-g", ALL, 1.0),
-        ("gs-new", ALL, 1.0),
-        ("drone1", Rights(), 90.0),
-        ("fog1", Rights(), 90.0),
-    ):
-        fleet.issue(name, rights, days)
+    fleet, now_s = ending_fleet("ending", "gs-g", "gs-new"), time.time()
     seals = {
         name: Seal(Identity.load(fleet.folder / name, system=lambda: now_s))
         for name in ("gs-g", "gs-new", "drone1", "fog1")
     }
-    world = World(signed=True, seal=seals.get).start()
-    world.pass_time(1000)
+    world = World(signed=True, seal=seals.get).start(1000)
     now_s += 2 * 86_400
     world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
     world.send(Arm())
@@ -146,17 +157,12 @@ def test_a_certificate_that_ends_in_flight_still_holds_lands_and_returns() -> No
     assert kinds(to_drone(world, late)) == ["certificate"]
     fields = {"name": "new", "session": 5, "nonce": 1, "lease_s": 30, "activator_session": FOG_SESSION, "counter": 1}
     new = seals["gs-new"].sign("fog1/init_connect", encode(Registration(**fields)), with_certificate=True)
-    out = world.activator.on_message("cloud", Inbound("fog1/init_connect", new.encode(), 1), world.now_ms)
-    assert kinds(list(out)) == ["certificate"]
+    assert kinds(world.hears("activator", "fog1/init_connect", new.encode())) == ["certificate"]
 
 
 @pytest.fixture(scope="module")
 def ending() -> Authority:
-    """A fleet whose station's certificate ends before all others."""
-    fleet = authority("ending-soon")
-    for name, rights, days in (("gs-g", ALL, 1.0), ("drone1", Rights(), 90.0), ("fog1", Rights(), 90.0)):
-        fleet.issue(name, rights, days)
-    return fleet
+    return ending_fleet("ending-soon", "gs-g")
 
 
 @dataclass
@@ -180,10 +186,7 @@ def ended(ending: Authority) -> Ended:
     seals = {
         name: Seal(Identity.load(ending.folder / name, system=lambda: now_s)) for name in ("gs-g", "drone1", "fog1")
     }
-    world = World(signed=True, seal=seals.get)
-    options = UavOptions(carries_sensors=True)
-    world.uav = UavClient(1, UAV_SESSION, Settings(), options=options, seal=seals["drone1"], fog=1)
-    world.start().pass_time(1000)
+    world = World(signed=True, seal=seals.get, carries_sensors=True).start(1000)
     now_s += 2 * 86_400
     world.pass_time(11_000)
     return Ended(world, seals["gs-g"])
@@ -200,7 +203,7 @@ def test_who_has_expired_keeps_its_drones_and_gets_no_free_one(ended: Ended) -> 
 def test_who_has_expired_is_told_what_became_of_a_command_that_an_earlier_activator_may_have_sent(ended: Ended) -> None:
     world, command = ended.world, signed_command(ended.seal, deadline_ms=1)
     asked = Addressed(0x99, 1, {1: command}).encode()
-    out = list(world.activator.on_message("cloud", Inbound("fog1/drone1/commands", asked, 1), world.now_ms))
+    out = world.hears("activator", "fog1/drone1/commands", asked)
     (query,) = [effect for effect in out if isinstance(effect, Publish)]
     assert (query.topic, Envelope.parse(query.payload).payload) == ("drone1/commands", command.payload)
 
@@ -228,18 +231,8 @@ def test_who_has_expired_stages_and_fetches_nothing(ended: Ended, topic: str, as
 
 
 def test_who_has_expired_is_offered_no_drone(ended: Ended) -> None:
-    topic, world = "fog1/commands/goto", ended.world
-    offer = SelectMessage(
-        gs_session=GS_SESSION,
-        seq=50,
-        executor_session=FOG_SESSION,
-        deadline_ms=world.now_ms + 5000,
-        limit_s=10.0,
-        epoch=0,
-        mode=SelectMode.OFFER,
-        command=Goto(47.4, 8.5, 10.0),
-    )
-    _, out = ended.hear(topic, topic, offer)
+    topic = "fog1/commands/goto"
+    _, out = ended.hear(topic, topic, chosen(ended.world, SelectMode.OFFER, Goto(47.4, 8.5, 10.0)))
     (answer,) = [
         decode(FogResultMessage, Envelope.parse(one.payload).payload) for one in out if isinstance(one, Publish)
     ]
@@ -283,8 +276,7 @@ def test_nobody_elses_word_counts(world: World, by: str, topic: str) -> None:
     assert kinds(hear(world, word(by, Word.DENIED, topic)))[0] in ("forged", "unknown_signer")
     assert outcomes(world) == []
     payload = word(by, Word.DENIED, topic)
-    out = world.activator.on_message("fog", Inbound("drone1/commands_result/arm", payload, 1), world.now_ms)
-    assert kinds(list(out))[0] in ("forged", "unknown_signer")
+    assert kinds(world.hears("activator", "drone1/commands_result/arm", payload))[0] in ("forged", "unknown_signer")
 
 
 def test_a_broker_that_says_that_nobody_subscribes_is_not_believed(world: World) -> None:
@@ -293,7 +285,7 @@ def test_a_broker_that_says_that_nobody_subscribes_is_not_believed(world: World)
     world.drop = set()
     (publish,) = sent[1]
     assert isinstance(publish, Publish)
-    out = world.activator.on_message("cloud", Inbound(publish.topic, publish.payload, 1), world.now_ms)
+    out = world.hears("activator", publish.topic, publish.payload)
     (forwarded,) = [e for e in out if isinstance(e, Publish) and e.topic == "drone1/commands"]
     assert list(world.activator.on_published("fog", forwarded.ref, 0x10, world.now_ms)) == []
 

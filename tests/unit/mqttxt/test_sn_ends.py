@@ -9,36 +9,37 @@ import pytest
 from mqttxt.core.effects import Inbound, Will
 from mqttxt.core.mqtt.sn import packets
 from mqttxt.core.mqtt.sn.gateway import MOST_CLIENTS, STRANGERS_AT_ONCE
-from mqttxt.core.mqtt.sn.packets import CONGESTION, INVALID_TOPIC, NORMAL, PREDEFINED, Message, Packet
+from mqttxt.core.mqtt.sn.packets import CONGESTION, INVALID_TOPIC, NORMAL, Message, Packet
 from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM, MOST_WAITING
-from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds
-from tests.simulation.air_bench import GATEWAY, WILL, AirBench, Port
+from tests.simulation.air_bench import (
+    COMMANDS,
+    GATEWAY,
+    RESULT,
+    STATE,
+    WILL,
+    AirBench,
+    BenchClient,
+    Losing,
+    Port,
+    id_of,
+)
 
-COMMANDS, RESULT, STATE = "drone1/commands", "drone1/commands_result/arm", "drone1/state/location"
 STRANGER = ("stranger", 9)
 
 
-def id_of(topic: str) -> int:
-    found = TopicIds().id_of(topic)
-    assert found is not None
-    return found
+@pytest.fixture
+def bench() -> AirBench:
+    return AirBench()
+
+
+@pytest.fixture
+def client(bench: AirBench) -> BenchClient:
+    """A UAV client that is connected."""
+    return bench.up()
 
 
 def told(bench: AirBench, side: int = -1) -> list[tuple[str, bytes]]:
     return [(each.topic, each.payload) for each in bench.sides[side].published]
-
-
-class Losing:
-    """Loses the first packets of a kind to one side."""
-
-    def __init__(self, kind: type[Packet], times: int, to_gateway: bool = True) -> None:
-        self.kind, self.left, self.to_gateway = kind, times, to_gateway
-
-    def __call__(self, port: Port, packet: Packet) -> bool:
-        if self.left and isinstance(packet, self.kind) and (port == GATEWAY) == self.to_gateway:
-            self.left -= 1
-            return True
-        return False
 
 
 @pytest.mark.parametrize(
@@ -54,8 +55,7 @@ class Losing:
         (packets.Suback, False),
     ],
 )
-def test_a_connection_comes_about_whatever_is_lost_once(kind: type[Packet], to_gateway: bool) -> None:
-    bench = AirBench()
+def test_a_connection_comes_about_whatever_is_lost_once(bench: AirBench, kind: type[Packet], to_gateway: bool) -> None:
     bench.lose = Losing(kind, 1, to_gateway)
     client = bench.client()
     bench.pass_time(2)
@@ -80,9 +80,7 @@ def test_a_word_that_is_lost_or_unanswered_is_repeated_and_published_once(kind: 
     assert [packet.dup for packet in bench.to_gateway(Message) if isinstance(packet, Message)] == [False, *[True] * 3]
 
 
-def test_repetitions_come_at_growing_pauses_and_end_with_the_connection() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_repetitions_come_at_growing_pauses_and_end_with_the_connection(bench: AirBench, client: BenchClient) -> None:
     times: list[float] = []
 
     def lose(port: Port, packet: Packet) -> bool:
@@ -103,9 +101,7 @@ def test_repetitions_come_at_growing_pauses_and_end_with_the_connection() -> Non
     assert len(times) < 20
 
 
-def test_a_message_that_comes_again_much_later_is_not_published_again() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_message_that_comes_again_much_later_is_not_published_again(bench: AirBench, client: BenchClient) -> None:
     for number in range(3):
         client.publish(RESULT, bytes((number,)))
     first, *_, last = [packet for packet in bench.to_gateway(Message) if isinstance(packet, Message)]
@@ -114,9 +110,7 @@ def test_a_message_that_comes_again_much_later_is_not_published_again() -> None:
     assert told(bench) == [(RESULT, b"\0"), (RESULT, b"\1"), (RESULT, b"\2")]
 
 
-def test_what_the_broker_has_is_heard_once_and_in_order_whatever_is_lost() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_what_the_broker_has_is_heard_once_and_in_order_whatever_is_lost(bench: AirBench, client: BenchClient) -> None:
     bench.sent.clear()
     bench.lose = Losing(packets.Puback, 2)
     for number in range(50):
@@ -127,9 +121,7 @@ def test_what_the_broker_has_is_heard_once_and_in_order_whatever_is_lost() -> No
     assert len({packet.msg_id for packet in sent}) == 2, "what waits leaves together"
 
 
-def test_message_ids_go_round() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_message_ids_go_round(bench: AirBench, client: BenchClient) -> None:
     client.machine._sender._msg_id = bench.sides[0].client()._receiver._last = 65_533
     for number in range(5):
         client.publish(RESULT, bytes((number,)))
@@ -139,8 +131,7 @@ def test_message_ids_go_round() -> None:
     assert len(told(bench)) == 5
 
 
-def test_a_state_is_sent_once_where_a_newer_one_follows_and_confirmed_where_none_does() -> None:
-    bench = AirBench()
+def test_a_state_is_sent_once_where_a_newer_one_follows_and_confirmed_where_none_does(bench: AirBench) -> None:
     client = bench.up()
     bench.lose = lambda port, packet: isinstance(packet, Message) and packet.qos == 0
     for number in range(5):
@@ -155,8 +146,7 @@ def test_a_state_is_sent_once_where_a_newer_one_follows_and_confirmed_where_none
 
 
 @pytest.mark.parametrize("length", [LARGEST_DATAGRAM - 9, LARGEST_DATAGRAM, 5000, 61_440])
-def test_a_message_of_any_length_arrives_whole_both_ways(length: int) -> None:
-    bench = AirBench()
+def test_a_message_of_any_length_arrives_whole_both_ways(bench: AirBench, length: int) -> None:
     client, payload = bench.up(), bytes(range(256)) * 240
     bench.newer_list = payload[:length]
     counted = iter(range(10**6))
@@ -171,24 +161,19 @@ def test_a_message_of_any_length_arrives_whole_both_ways(length: int) -> None:
     assert largest <= LARGEST_DATAGRAM
 
 
-def test_a_topic_without_an_id_travels_by_its_name() -> None:
-    bench = AirBench()
+def test_a_topic_without_an_id_travels_by_its_name(bench: AirBench) -> None:
     bench.up().publish("drone1/sensor3/light", b"reading")
     assert told(bench) == [("drone1/sensor3/light", b"reading")]
 
 
-def test_the_broker_s_reason_code_comes_back() -> None:
+def test_the_broker_s_reason_code_comes_back(bench: AirBench, client: BenchClient) -> None:
     """A word that nobody was there to hear is said again (R5.5)."""
-    bench = AirBench()
-    client = bench.up()
     bench.puback_code = 0x10
     client.publish(RESULT)
     assert client.acknowledged == [(RESULT, 0x10)]
 
 
-def test_no_puback_before_the_broker_s() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_no_puback_before_the_broker_s(bench: AirBench, client: BenchClient) -> None:
     bench.broker_answers = False
     client.publish(RESULT)
     bench.pass_time(3)
@@ -200,9 +185,7 @@ def test_no_puback_before_the_broker_s() -> None:
     assert client.acknowledged == [(RESULT, 0)]
 
 
-def test_a_silent_client_s_will_is_published_and_a_silent_gateway_is_left() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_silent_client_s_will_is_published_and_a_silent_gateway_is_left(bench: AirBench, client: BenchClient) -> None:
     bench.lose = lambda port, packet: True
     bench.pass_time(14.8)
     assert client.ended == 0
@@ -214,17 +197,13 @@ def test_a_silent_client_s_will_is_published_and_a_silent_gateway_is_left() -> N
     assert bench.sides[0].closed == [True]
 
 
-def test_a_client_that_has_nothing_to_say_stays_by_its_pings() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_client_that_has_nothing_to_say_stays_by_its_pings(bench: AirBench, client: BenchClient) -> None:
     bench.pass_time(120)
     assert client.ended == 0
     assert bench.sides[0].closed == []
 
 
-def test_a_clean_leave_has_no_will_and_is_repeated_until_it_is_answered() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_clean_leave_has_no_will_and_is_repeated_until_it_is_answered(bench: AirBench, client: BenchClient) -> None:
     bench.lose = Losing(packets.Disconnect, 1, to_gateway=False)
     client.machine.disconnect(bench.now_s, with_will=False)
     bench.pass_time(1)
@@ -232,30 +211,24 @@ def test_a_clean_leave_has_no_will_and_is_repeated_until_it_is_answered() -> Non
     assert bench.sides[0].closed == [False]
 
 
-def test_a_leave_that_left_something_behind_has_the_will() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_leave_that_left_something_behind_has_the_will(bench: AirBench, client: BenchClient) -> None:
     client.machine.disconnect(bench.now_s, with_will=True)
     assert client.ended == 1
     assert bench.sides[0].closed == [True]
 
 
-def test_a_client_whose_broker_ends_connects_anew() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_client_whose_broker_ends_connects_anew(bench: AirBench, client: BenchClient) -> None:
     bench.sides[0].client().on_ended(bench.now_s)
     assert client.ended == 1
     assert bench.up(2).codes == [0]
 
 
-def test_a_broker_that_does_not_answer_is_no_connection() -> None:
-    bench = AirBench()
+def test_a_broker_that_does_not_answer_is_no_connection(bench: AirBench) -> None:
     bench.broker_code = CONGESTION
     assert bench.client().codes == [CONGESTION]
 
 
-def test_a_broker_that_never_answers_is_waited_for_no_longer_than_for_a_connection() -> None:
-    bench = AirBench()
+def test_a_broker_that_never_answers_is_waited_for_no_longer_than_for_a_connection(bench: AirBench) -> None:
     bench.broker_answers = False
     bench.client()
     bench.pass_time(19)
@@ -267,9 +240,7 @@ def test_a_broker_that_never_answers_is_waited_for_no_longer_than_for_a_connecti
 # Who is who.
 
 
-def test_a_connect_that_somebody_repeats_takes_nothing_over() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_connect_that_somebody_repeats_takes_nothing_over(bench: AirBench, client: BenchClient) -> None:
     for _ in range(5):
         assert bench.says(packets.Connect("drone1-a", 15, has_will=True), STRANGER) == []
         bench.pass_time(2)
@@ -279,9 +250,8 @@ def test_a_connect_that_somebody_repeats_takes_nothing_over() -> None:
     assert len(bench.sides) == 1
 
 
-def test_a_client_that_comes_from_another_port_replaces_the_one_that_is_gone() -> None:
+def test_a_client_that_comes_from_another_port_replaces_the_one_that_is_gone(bench: AirBench) -> None:
     """As after a NAT has forgotten it: what comes from the new port is answered with DISCONNECT, and it connects."""
-    bench = AirBench()
     old = bench.up()
     assert bench.says(Message(id_of(STATE), b"\0"), ("drone", 2)) == [packets.Disconnect()]
     del bench.clients[old.port]
@@ -291,8 +261,7 @@ def test_a_client_that_comes_from_another_port_replaces_the_one_that_is_gone() -
     assert [side.closed for side in bench.sides] == [[True], []]
 
 
-def test_a_client_at_a_port_that_another_had_before_is_served() -> None:
-    bench = AirBench()
+def test_a_client_at_a_port_that_another_had_before_is_served(bench: AirBench) -> None:
     bench.up()
     again = bench.client(1, "drone1-b")
     bench.pass_time(7)
@@ -300,8 +269,7 @@ def test_a_client_at_a_port_that_another_had_before_is_served() -> None:
     assert bench.sides[0].closed == [True]
 
 
-def test_two_greetings_of_one_id_make_one_client() -> None:
-    bench = AirBench()
+def test_two_greetings_of_one_id_make_one_client(bench: AirBench) -> None:
     ports: list[Port] = [("one", 1), ("two", 2)]
     for port in ports:
         assert bench.says(packets.Connect("same", 15, has_will=True), port) == [packets.WillTopicReq()]
@@ -310,17 +278,15 @@ def test_two_greetings_of_one_id_make_one_client() -> None:
     assert bench.says(packets.WillMsg(b"down"), ports[1]) == [packets.Connack(CONGESTION)]
 
 
-def test_a_stranger_is_answered_with_a_disconnect_and_its_disconnect_with_nothing() -> None:
-    bench = AirBench()
+def test_a_stranger_is_answered_with_a_disconnect_and_its_disconnect_with_nothing(bench: AirBench) -> None:
     assert bench.says(packets.Pingreq()) == [packets.Disconnect()]
     assert bench.says(packets.Disconnect()) == []
     bench.gateway.received(b"\x05nothing", STRANGER, bench.now_s)
     assert bench.counted == ["air_datagram"]
 
 
-def test_no_answer_to_a_stranger_is_longer_than_its_datagram() -> None:
+def test_no_answer_to_a_stranger_is_longer_than_its_datagram(bench: AirBench) -> None:
     """A sender's address may be somebody else's, who gets the answer."""
-    bench = AirBench()
     for packet in (
         *(packets.Connect("a", 15), packets.Connect("b", 15, has_will=True), packets.Pingreq(), packets.Disconnect()),
         *(Message(1, b""), packets.Register(0, 1, "a"), packets.Subscribe(1, "a"), packets.WillMsg(b"")),
@@ -329,9 +295,7 @@ def test_no_answer_to_a_stranger_is_longer_than_its_datagram() -> None:
         assert sum(len(packets.encode(answer)) for answer in answers) <= len(packets.encode(packet)), packet
 
 
-def test_a_client_speaks_of_its_own_drone_alone() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_client_speaks_of_its_own_drone_alone(bench: AirBench, client: BenchClient) -> None:
     client.publish("drone1/commands")
     assert client.acknowledged == [("drone1/commands", 0x80)]
     for topic in ("+/commands", "#", "drone1/state/battery"):
@@ -345,15 +309,13 @@ def test_a_client_speaks_of_its_own_drone_alone() -> None:
     assert client.ended == 1
 
 
-def test_a_will_of_no_drone_is_refused() -> None:
-    bench = AirBench()
+def test_a_will_of_no_drone_is_refused(bench: AirBench) -> None:
     assert bench.client(will=Will("fog1/reachable", b"down")).codes == [packets.NOT_SUPPORTED]
     assert bench.sides[0].will is None
 
 
-def test_a_plain_client_of_mqtt_sn_is_served() -> None:
+def test_a_plain_client_of_mqtt_sn_is_served(bench: AirBench) -> None:
     """It registers and subscribes by names, and hears nothing together."""
-    bench = AirBench()
     port: Port = ("plain", 1)
     assert bench.says(packets.Connect("plain", 60), port) == [packets.Connack()]
     assert bench.says(packets.Register(0, 1, STATE), port) == [packets.Regack(1, 1)]
@@ -373,9 +335,7 @@ def test_a_plain_client_of_mqtt_sn_is_served() -> None:
 
 
 @pytest.mark.long
-def test_greetings_without_end_fill_the_gateway_and_no_more() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_greetings_without_end_fill_the_gateway_and_no_more(bench: AirBench, client: BenchClient) -> None:
     for number in range(MOST_CLIENTS + 50):
         bench.says(packets.Connect(f"fake{number}", 15, has_will=True), ("fake", number))
         bench.pass_time(0.05)
@@ -392,9 +352,7 @@ def test_greetings_without_end_fill_the_gateway_and_no_more() -> None:
     assert client.acknowledged == [(RESULT, 0)]
 
 
-def test_strangers_cost_clients_nothing() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_strangers_cost_clients_nothing(bench: AirBench, client: BenchClient) -> None:
     for _ in range(5 * STRANGERS_AT_ONCE):
         bench.says(packets.Pingreq())
     assert len(bench.to_clients(packets.Disconnect)) <= STRANGERS_AT_ONCE
@@ -403,20 +361,10 @@ def test_strangers_cost_clients_nothing() -> None:
     assert client.acknowledged == [(RESULT, 0)]
 
 
-def test_what_waits_for_a_client_that_acknowledges_nothing_is_bounded() -> None:
-    bench = AirBench()
+def test_what_waits_for_a_client_that_acknowledges_nothing_is_bounded(bench: AirBench) -> None:
     bench.up()
     bench.lose = lambda port, packet: port != GATEWAY
     for _ in range(MOST_WAITING + 100):
         bench.sides[0].client().on_message(Inbound(COMMANDS, b"\0" * 60, 1), bench.now_s)
     assert 0 < bench.counted.count("air_held_up") <= 100
     assert bench.sides[0].closed == []
-
-
-def test_together_is_what_a_client_asked_for() -> None:
-    bench = AirBench()
-    bench.up()
-    (first, *_) = bench.to_gateway(packets.Subscribe)
-    assert isinstance(first, packets.Subscribe)
-    assert first.topic == TOGETHER
-    assert PREDEFINED == 1

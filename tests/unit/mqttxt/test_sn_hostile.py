@@ -20,27 +20,41 @@ from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM
 from mqttxt.core.mqtt.sn.together import Told, pack
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds, _parsed
 from mqttxt.core.shared_lists import LISTS_AT_ONCE
-from tests.simulation.air_bench import GATEWAY, AirBench, BrokerSide, Port
+from tests.simulation.air_bench import (
+    COMMANDS,
+    GATEWAY,
+    RESULT,
+    STATE,
+    AirBench,
+    BenchClient,
+    BrokerSide,
+    Losing,
+    Port,
+    id_of,
+)
 
-COMMANDS, RESULT, STATE = "drone1/commands", "drone1/commands_result/arm", "drone1/state/location"
 LIST = "fleet/revoked"
 EVIL: Port = ("evil", 1)
 JUNK = bytes((0, 0, 0, 0, 1, 255, 255))
 """A head of a message that can never be one."""
 
 
-def id_of(topic: str) -> int:
-    found = TopicIds().id_of(topic)
-    assert found is not None
-    return found
+@pytest.fixture
+def bench() -> AirBench:
+    return AirBench()
+
+
+@pytest.fixture
+def client(bench: AirBench) -> BenchClient:
+    """A UAV client that is connected."""
+    return bench.up()
 
 
 def stranger(bench: AirBench) -> None:
     assert bench.says(Connect("evil", 15), EVIL) == [packets.Connack()]
 
 
-def test_what_is_no_stream_is_not_kept() -> None:
-    bench = AirBench()
+def test_what_is_no_stream_is_not_kept(bench: AirBench) -> None:
     stranger(bench)
     for number in range(1, 21):
         bench.says(Message(TOGETHER, JUNK + bytes(1000), PREDEFINED, 1, number), EVIL)
@@ -48,17 +62,15 @@ def test_what_is_no_stream_is_not_kept() -> None:
     assert at is None or len(at._unpacker._came) <= LARGEST_DATAGRAM
 
 
-def test_a_datagram_that_is_too_long_is_not_read() -> None:
+def test_a_datagram_that_is_too_long_is_not_read(bench: AirBench) -> None:
     """7,000 messages of another drone in one datagram cost ten seconds of the activator's time."""
-    bench = AirBench()
     stranger(bench)
     own = id_of("drone1/reachable").to_bytes(2, "big")
     bench.says(Message(TOGETHER, (b"\x20" + own + bytes(4)) * 1000, PREDEFINED, 1, 1), EVIL)
     assert bench.sides[0].published == []
 
 
-def test_what_a_broker_never_acknowledges_is_not_kept() -> None:
-    bench = AirBench()
+def test_what_a_broker_never_acknowledges_is_not_kept(bench: AirBench) -> None:
     stranger(bench)
     bench.broker_answers = False
     for number in range(1, 51):
@@ -66,8 +78,7 @@ def test_what_a_broker_never_acknowledges_is_not_kept() -> None:
     assert len(bench.sides[0].published) == 1
 
 
-def test_names_that_are_no_topics_are_not_kept() -> None:
-    bench = AirBench()
+def test_names_that_are_no_topics_are_not_kept(bench: AirBench) -> None:
     stranger(bench)
     _parsed.cache_clear()
     for number in range(1, 21):
@@ -75,8 +86,7 @@ def test_names_that_are_no_topics_are_not_kept() -> None:
     assert _parsed.cache_info().currsize == 0
 
 
-def test_a_client_whom_the_broker_refused_is_forgotten() -> None:
-    bench = AirBench()
+def test_a_client_whom_the_broker_refused_is_forgotten(bench: AirBench) -> None:
     bench.broker_answers = False
     for number in range(10):
         bench.says(Connect(f"x{number}", 15), EVIL)
@@ -86,9 +96,7 @@ def test_a_client_whom_the_broker_refused_is_forgotten() -> None:
     assert bench.gateway._at == {}
 
 
-def test_a_second_client_does_not_speak_for_a_drone_that_is_there() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_second_client_does_not_speak_for_a_drone_that_is_there(bench: AirBench, client: BenchClient) -> None:
     client.subscribe(COMMANDS, live_only=True)
     bench.says(Connect("evil", 15), EVIL)
     bench.says(Message(id_of("drone1/reachable"), b"down", PREDEFINED, 1, 1, retain=True), EVIL)
@@ -99,8 +107,7 @@ def test_a_second_client_does_not_speak_for_a_drone_that_is_there() -> None:
     assert [topic for side in others for topic, _ in side.subscribed] == []
 
 
-def test_a_second_client_s_will_does_not_say_that_a_drone_is_down_which_is_there() -> None:
-    bench = AirBench()
+def test_a_second_client_s_will_does_not_say_that_a_drone_is_down_which_is_there(bench: AirBench) -> None:
     bench.up()
     bench.says(Connect("evil", 15, has_will=True), EVIL)
     bench.says(packets.WillTopic("drone1/reachable"), EVIL)
@@ -110,9 +117,8 @@ def test_a_second_client_s_will_does_not_say_that_a_drone_is_down_which_is_there
 
 
 @pytest.mark.parametrize("topic_id", [id_of(LIST), TOGETHER])
-def test_a_stranger_says_nothing_to_all_nodes(topic_id: int) -> None:
+def test_a_stranger_says_nothing_to_all_nodes(bench: AirBench, topic_id: int) -> None:
     """Every node hears `fleet/revoked`: what floods it fills what waits for each drone, commands among it."""
-    bench = AirBench()
     stranger(bench)
     junk = Told(LIST, b"no list", retain=True)
     payload = pack(junk, TopicIds()) if topic_id == TOGETHER else junk.payload
@@ -124,9 +130,7 @@ def test_a_stranger_says_nothing_to_all_nodes(topic_id: int) -> None:
     assert bench.lists_read <= LISTS_AT_ONCE
 
 
-def test_a_list_that_the_activator_lacks_is_passed_on() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_list_that_the_activator_lacks_is_passed_on(bench: AirBench, client: BenchClient) -> None:
     bench.newer_list = b"newer"
     client.publish(LIST, b"newer", retain=True)
     client.publish(RESULT)
@@ -135,17 +139,15 @@ def test_a_list_that_the_activator_lacks_is_passed_on() -> None:
     assert client.acknowledged == [(LIST, 0), (RESULT, 0), (LIST, 0)]
 
 
-def test_a_will_says_nothing_to_all_nodes() -> None:
-    bench = AirBench()
+def test_a_will_says_nothing_to_all_nodes(bench: AirBench) -> None:
     bench.says(Connect("evil", 15, has_will=True), EVIL)
     assert bench.says(packets.WillTopic(LIST), EVIL) == [packets.Connack(packets.NOT_SUPPORTED)]
     bench.says(packets.WillMsg(b"no list"), EVIL)
     assert bench.sides[0].client_id == ""
 
 
-def test_a_stranger_does_not_flood_a_drone_with_its_own_births() -> None:
+def test_a_stranger_does_not_flood_a_drone_with_its_own_births(bench: AirBench) -> None:
     """A drone that is connected over TCP hears its own topic; the gateway does not know that the drone is there."""
-    bench = AirBench()
     stranger(bench)
     birth = id_of("drone7/reachable")
     codes = []
@@ -162,8 +164,7 @@ def test_a_stranger_does_not_flood_a_drone_with_its_own_births() -> None:
     ]
 
 
-def test_nor_with_its_own_wills() -> None:
-    bench = AirBench()
+def test_nor_with_its_own_wills(bench: AirBench) -> None:
     for number in range(400):
         port = ("evil", number)
         bench.says(Connect(f"evil{number}", 15, has_will=True), port)
@@ -174,13 +175,11 @@ def test_nor_with_its_own_wills() -> None:
     assert 1 <= sum(side.will is not None for side in bench.sides) <= 4
 
 
-def test_a_late_copy_of_a_subscribe_costs_no_connection_and_subscribes_nothing() -> None:
-    bench = AirBench()
+def test_a_late_copy_of_a_subscribe_costs_no_connection_and_subscribes_nothing(bench: AirBench) -> None:
     client = bench.up()
     client.subscribe(COMMANDS, live_only=True)
     late = next(packet for packet in bench.to_gateway(packets.Subscribe) if packet != packets.Subscribe(1, TOGETHER))
-    pubacks = iter(range(10**6))
-    bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, packets.Puback) and next(pubacks) == 0
+    bench.lose = Losing(packets.Puback, 1, to_gateway=False)
     client.publish(RESULT)
     bench.says(late, client.port)
     bench.pass_time(16)
@@ -189,9 +188,8 @@ def test_a_late_copy_of_a_subscribe_costs_no_connection_and_subscribes_nothing()
     assert client.ended == 0
 
 
-def test_drones_that_a_nat_takes_for_each_other_connect_anew_and_no_word_is_taken_for_said() -> None:
+def test_drones_that_a_nat_takes_for_each_other_connect_anew_and_no_word_is_taken_for_said(bench: AirBench) -> None:
     """The ledger takes each code below 0x80 but 0x10 for delivery (`desk.on_published`)."""
-    bench = AirBench()
     one = bench.up(1, "drone1-a")
     two = bench.client(2, "drone2-a", Will("drone2/reachable", b"down"))
     for client, drone in ((one, 1), (two, 2)):
@@ -237,20 +235,16 @@ def test_two_gateways_do_not_take_leave_of_each_other_for_ever() -> None:
     assert heard < 20, f"{heard} datagrams, {now_s - 100:.0f} s"
 
 
-def test_a_connect_and_one_lost_datagram_do_not_end_a_client_that_is_there() -> None:
-    bench = AirBench()
+def test_a_connect_and_one_lost_datagram_do_not_end_a_client_that_is_there(bench: AirBench) -> None:
     bench.up()
     bench.pass_time(1)
-    asked = iter(range(10**6))
-    bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, packets.Pingreq) and next(asked) == 0
+    bench.lose = Losing(packets.Pingreq, 1, to_gateway=False)
     bench.says(Connect("drone1-a", 15), EVIL)
     bench.pass_time(3)
     assert bench.sides[0].closed == []
 
 
-def test_a_state_that_is_confirmed_does_not_replace_a_newer_one() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_a_state_that_is_confirmed_does_not_replace_a_newer_one(bench: AirBench, client: BenchClient) -> None:
     bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, packets.Puback)
     client.publish(RESULT)
     client.publish(STATE, b"old", 0, retain=True)
@@ -262,8 +256,7 @@ def test_a_state_that_is_confirmed_does_not_replace_a_newer_one() -> None:
     assert states[-1] == b"new", states
 
 
-def test_one_address_does_not_open_connections_to_the_broker_without_end() -> None:
-    bench = AirBench()
+def test_one_address_does_not_open_connections_to_the_broker_without_end(bench: AirBench) -> None:
     for _ in range(200):
         bench.says(Connect("x", 15), EVIL)
         bench.says(packets.Disconnect(), EVIL)
@@ -271,8 +264,7 @@ def test_one_address_does_not_open_connections_to_the_broker_without_end() -> No
     assert len(bench.sides) <= 20, f"{len(bench.sides)} in a second"
 
 
-def test_three_hundred_datagrams_do_not_keep_drones_out_for_minutes() -> None:
-    bench = AirBench()
+def test_three_hundred_datagrams_do_not_keep_drones_out_for_minutes(bench: AirBench) -> None:
     for number in range(300):
         bench.says(Connect(f"fake{number}", 65_535), ("fake", number))
         bench.now_s += 0.01
@@ -280,8 +272,7 @@ def test_three_hundred_datagrams_do_not_keep_drones_out_for_minutes() -> None:
     assert bench.client().codes == [0]
 
 
-def test_so_many_addresses_do_not_open_so_many_connections_to_the_broker() -> None:
-    bench = AirBench()
+def test_so_many_addresses_do_not_open_so_many_connections_to_the_broker(bench: AirBench) -> None:
     for number in range(200):
         bench.says(Connect(f"x{number}", 15), ("evil", number))
     assert sum(side.client_id != "" for side in bench.sides) == OPENED_AT_ONCE
@@ -329,8 +320,7 @@ def test_an_address_that_never_answered_gets_no_more_than_three_times_what_came_
     victim.waits(30)
 
 
-def test_who_guesses_what_the_gateway_asked_is_not_served_any_longer() -> None:
-    bench = AirBench()
+def test_who_guesses_what_the_gateway_asked_is_not_served_any_longer(bench: AirBench) -> None:
     stranger(bench)
     bench.says(packets.Subscribe(1, TOGETHER), EVIL)
     (asked,) = [packet for packet in bench.to_clients(Message) if isinstance(packet, Message)]
@@ -347,19 +337,15 @@ def test_what_a_gateway_asks_cannot_be_known_beforehand() -> None:
     assert len(asked) > 15
 
 
-def test_an_address_that_answered_is_told_all_at_once() -> None:
-    bench = AirBench()
-    client = bench.up()
+def test_an_address_that_answered_is_told_all_at_once(bench: AirBench, client: BenchClient) -> None:
     for number in range(50):
         bench.sides[0].client().on_message(Inbound(COMMANDS, bytes((number,)) * 1000, 1), bench.now_s)
     assert [heard.payload[0] for heard in client.heard] == list(range(50))
 
 
 @pytest.mark.parametrize("lost", range(1, 4))
-def test_a_client_is_told_all_though_the_proof_of_its_address_is_lost(lost: int) -> None:
-    bench = AirBench()
-    proofs = iter(range(10**6))
-    bench.lose = lambda port, packet: port == GATEWAY and isinstance(packet, packets.Puback) and next(proofs) < lost
+def test_a_client_is_told_all_though_the_proof_of_its_address_is_lost(bench: AirBench, lost: int) -> None:
+    bench.lose = Losing(packets.Puback, lost)
     client = bench.up()
     bench.sides[0].client().on_message(Inbound(COMMANDS, bytes(1000), 1), bench.now_s)
     assert client.heard == []
@@ -368,8 +354,7 @@ def test_a_client_is_told_all_though_the_proof_of_its_address_is_lost(lost: int)
     assert client.ended == 0
 
 
-def test_an_address_that_never_answers_is_given_up() -> None:
-    bench = AirBench()
+def test_an_address_that_never_answers_is_given_up(bench: AirBench) -> None:
     bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, Message)
     client = bench.up()
     bench.pass_time(16)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mqttxt.core.effects import Inbound, Log
+from mqttxt.core.effects import Log
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.readings import ReadingAck
 from mqttxt.station.outcomes import SensorReading
@@ -53,12 +53,12 @@ def test_a_drone_that_changed_its_fog_does_not_double_its_readings() -> None:
 
 def test_a_reading_at_the_station_is_an_event_with_its_unit() -> None:
     world = World().start()
-    message = Inbound("fog1/drone1/sensor3/humidity", encode(reading(8, value=40.5).message), 1)
-    (event,) = world.gs.on_message("cloud", message, 0)
+    topic, payload = "fog1/drone1/sensor3/humidity", encode(reading(8, value=40.5).message)
+    (event,) = world.hears("gs", topic, payload)
     assert isinstance(event, SensorReading)
     assert str(event) == "drone 1 sensor 3: humidity 40.5 %"
-    assert world.gs.on_message("cloud", message, 0) == []
-    (log,) = world.gs.on_message("cloud", Inbound("fog1/drone1/sensor3/humidity", b"{}", 1), 0)
+    assert world.hears("gs", topic, payload) == []
+    (log,) = world.hears("gs", topic, b"{}")
     assert isinstance(log, Log)
 
 

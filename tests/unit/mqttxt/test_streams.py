@@ -55,24 +55,26 @@ class Streaming(Bench):
         return out
 
 
-def test_what_the_autopilot_does_not_send_is_asked_for_and_completed_when_it_comes() -> None:
-    bench = Streaming()
+@pytest.fixture
+def bench() -> Streaming:
+    return Streaming()
+
+
+def test_what_the_autopilot_does_not_send_is_asked_for_and_completed_when_it_comes(bench: Streaming) -> None:
     assert asked(bench.start(1, Stream("mavlink/ATTITUDE", 10.0))) == [(ATTITUDE, 10.0)]
     assert said(bench.hear(attitude())) == []
     assert said(bench.hear(ack(INTERVAL))) == [(1, Word.ACCEPTED, None)]
     assert said(bench.hear(attitude())) == [(1, Word.COMPLETED, None)]
 
 
-def test_what_comes_often_enough_is_not_asked_for() -> None:
-    bench = Streaming()
+def test_what_comes_often_enough_is_not_asked_for(bench: Streaming) -> None:
     bench.stream(position(), 5, 4)
     assert bench.start(1, Stream("location", 5.0)) == []
     assert said(bench.hear(position())) == [(1, Word.COMPLETED, None)]
     assert asked(bench.start(2, Stream("location", 10.0))) == [(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 10.0)]
 
 
-def test_an_autopilot_is_not_slowed_down_below_its_own_rate() -> None:
-    bench = Streaming()
+def test_an_autopilot_is_not_slowed_down_below_its_own_rate(bench: Streaming) -> None:
     bench.stream(position(), 5, 4)
     bench.start(1, Stream("location", 20.0))
     bench.hear(ack(INTERVAL), position())
@@ -81,8 +83,7 @@ def test_an_autopilot_is_not_slowed_down_below_its_own_rate() -> None:
     assert asked(bench.start(3, Stream("location", 0.0))) == []
 
 
-def test_two_states_of_one_message_get_the_faster_rate() -> None:
-    bench = Streaming()
+def test_two_states_of_one_message_get_the_faster_rate(bench: Streaming) -> None:
     bench.start(1, Stream("location", 10.0))
     bench.hear(ack(INTERVAL), position())
     assert asked(bench.start(2, Stream("heading", 4.0))) == []
@@ -92,8 +93,7 @@ def test_two_states_of_one_message_get_the_faster_rate() -> None:
     assert asked(bench.start(4, Stream("heading", 0.0))) == [(33, 0.0)]
 
 
-def test_rate_0_is_completed_by_its_acknowledgement() -> None:
-    bench = Streaming()
+def test_rate_0_is_completed_by_its_acknowledgement(bench: Streaming) -> None:
     bench.start(1, Stream("mavlink/ATTITUDE", 10.0))
     bench.hear(ack(INTERVAL), attitude())
     assert asked(bench.start(2, Stream("mavlink/ATTITUDE", 0.0))) == [(ATTITUDE, 0.0)]
@@ -109,23 +109,20 @@ def test_what_does_not_exist_is_denied(state: str, reason: str) -> None:
     assert said(Streaming().start(1, Stream(state, 1.0))) == [(1, Word.DENIED, reason)]
 
 
-def test_what_the_autopilot_cannot_stream_is_unsupported() -> None:
-    bench = Streaming()
+def test_what_the_autopilot_cannot_stream_is_unsupported(bench: Streaming) -> None:
     bench.start(1, Stream("mavlink/GPS2_RAW", 1.0))
     assert said(bench.hear(ack(INTERVAL, 3))) == [(1, Word.UNSUPPORTED, None)]
     assert bench.executor.streams.names == frozenset()
 
 
-def test_what_was_acknowledged_and_never_comes_has_failed() -> None:
-    bench = Streaming()
+def test_what_was_acknowledged_and_never_comes_has_failed(bench: Streaming) -> None:
     bench.start(1, Stream("mavlink/ATTITUDE", 1.0), limit_ms=5000)
     bench.hear(ack(INTERVAL))
     assert said(bench.until(5000)) == [(1, Word.FAILED, "timeout")]
     assert bench.executor.streams.names == frozenset()
 
 
-def test_a_newer_rate_takes_the_place_of_an_older_one() -> None:
-    bench = Streaming()
+def test_a_newer_rate_takes_the_place_of_an_older_one(bench: Streaming) -> None:
     bench.start(1, Stream("mavlink/ATTITUDE", 10.0))
     assert written(bench.start(2, Stream("mavlink/ATTITUDE", 20.0))) == []
     assert said(bench.start(3, Stream("mavlink/ATTITUDE", 5.0))) == [(2, Word.SUPERSEDED, None)]
@@ -135,8 +132,7 @@ def test_a_newer_rate_takes_the_place_of_an_older_one() -> None:
     assert said(bench.hear(ack(INTERVAL))) == [(3, Word.ACCEPTED, None), (1, Word.SUPERSEDED, None)]
 
 
-def test_an_autopilot_that_started_anew_is_asked_again() -> None:
-    bench = Streaming()
+def test_an_autopilot_that_started_anew_is_asked_again(bench: Streaming) -> None:
     bench.start(1, Stream("mavlink/ATTITUDE", 10.0))
     bench.hear(ack(INTERVAL))
     bench.stream(attitude(), 10, 3)
@@ -148,8 +144,7 @@ def test_an_autopilot_that_started_anew_is_asked_again() -> None:
     assert streams.reminders(bench.now_ms + 1000) == []
 
 
-def test_questions_of_our_own_do_not_take_a_commands_acknowledgement() -> None:
-    bench = Streaming()
+def test_questions_of_our_own_do_not_take_a_commands_acknowledgement(bench: Streaming) -> None:
     bench.start(1, Stream("mavlink/ATTITUDE", 10.0))
     question = mavlink.MAVLink_command_long_message(1, 1, INTERVAL, 0, 1, 1, 0, 0, 0, 0, 0)
     assert bench.executor.ask(question, 0) == []
@@ -257,16 +252,8 @@ def test_a_state_of_a_parameter_is_repeated() -> None:
     effects = client.command("max_groundspeed", 2.0)
     assert [e for e in effects if isinstance(e, Transmit)] == []
     assert len(client.run(position(), 100, 4, "max_groundspeed")) == pytest.approx(8, abs=1)
-    assert (
-        results(
-            client.uav.on_message(
-                "fog",
-                Inbound("drone1/commands", encode(command_payload(Stream("max_groundspeed", 2.0))), 1),
-                client.now_ms,
-            )
-        )[0].word
-        is Word.COMPLETED
-    )
+    again = Inbound("drone1/commands", encode(command_payload(Stream("max_groundspeed", 2.0))), 1)
+    assert results(client.uav.on_message("fog", again, client.now_ms))[0].word is Word.COMPLETED
 
 
 def test_only_the_autopilots_own_messages_are_published() -> None:

@@ -28,9 +28,12 @@ ARM_DISARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 
 
 def started(**options: object) -> TwoLinks:
-    world = TwoLinks(**options).start()  # type: ignore[arg-type]
-    world.pass_time(1000)
-    return world
+    return TwoLinks(**options).start(1000)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def world() -> TwoLinks:
+    return started()
 
 
 def is_reachable(world: TwoLinks) -> bool:
@@ -140,7 +143,12 @@ def test_a_clean_stop_over_one_of_two_ways_to_a_broker_is_the_end() -> None:
     assert not is_reachable(world)
 
 
-def locations(world: TwoLinks, since: int) -> set[str]:
+def way_of_states(world: TwoLinks, *altitudes_m: float) -> set[str]:
+    """The connections over which the drone's positions leave while it climbs."""
+    since = len(world.over)
+    for altitude_m in altitudes_m:
+        world.autopilot(position(altitude_m))
+        world.pass_time(1000)
     return set(over(world, "drone1/state/location", since))
 
 
@@ -153,11 +161,7 @@ def test_a_better_broker_without_the_activator_carries_nothing_and_is_told_of(
     world.cut("uav", SAT)
     world.cut("activator", SAT)
     world.connect("uav", SAT)
-    since = len(world.over)
-    for metres in range(30):
-        world.autopilot(position(float(metres)))
-        world.pass_time(1000)
-    assert locations(world, since) == {LTE}
+    assert way_of_states(world, *range(30)) == {LTE}
     assert is_reachable(world)
     lte, sat = LINKS_TO[LTE], LINKS_TO[SAT]
     *lost, told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
@@ -165,36 +169,23 @@ def test_a_better_broker_without_the_activator_carries_nothing_and_is_told_of(
     assert told.startswith(f"fog: {sat} is up but carries nothing: the activator is heard over {lte} alone; expected")
     world.connect("activator", SAT)
     world.pass_time(1000)
-    since = len(world.over)
-    world.autopilot(position(50.0))
-    world.pass_time(1000)
-    assert locations(world, since) == {SAT}
+    assert way_of_states(world, 50.0) == {SAT}
 
 
 @pytest.mark.parametrize("act", ["cut", "freeze"])
-def test_states_leave_a_broker_from_which_nothing_comes_to_the_activator(act: str) -> None:
-    world = started()
+def test_states_leave_a_broker_from_which_nothing_comes_to_the_activator(world: TwoLinks, act: str) -> None:
     getattr(world, act)("activator", LTE)
     world.autopilot(position(4.0))
     world.pass_time(NOTICED_MS + 1000)
-    since = len(world.over)
-    world.autopilot(position(5.0))
-    world.pass_time(100)
-    assert locations(world, since) == {SAT}
+    assert way_of_states(world, 5.0) == {SAT}
 
 
-def lease(world: TwoLinks, bound: bool) -> bytes:
-    found = DroneLease(activator_session=0x99, drone_session=UAV_SESSION, nonce=7, bound=bound, epoch=9)
-    return encode(found)
-
-
-def test_the_activator_of_a_wrong_second_broker_gets_neither_answer_nor_end() -> None:
+def test_the_activator_of_a_wrong_second_broker_gets_neither_answer_nor_end(world: TwoLinks) -> None:
     """It does not become the drone's second activator, and its refusal stops no client."""
-    world = started()
     for bound in (True, False):
         since = len(world.over)
-        message = Inbound("drone1/init_connect", lease(world, bound), 1)
-        world.bonds["uav"].received(SAT, message)
+        lease = DroneLease(activator_session=0x99, drone_session=UAV_SESSION, nonce=7, bound=bound, epoch=9)
+        world.bonds["uav"].received(SAT, Inbound("drone1/init_connect", encode(lease), 1))
         world.pass_time(100)
         assert over(world, "drone1/clock", since) == []
     assert world.stops == []
@@ -203,21 +194,23 @@ def test_the_activator_of_a_wrong_second_broker_gets_neither_answer_nor_end() ->
     assert written(world) == 1
 
 
-def test_a_restarted_activator_is_taken_over_both() -> None:
-    world = started()
-    world.cut("activator", LTE)
-    world.cut("activator", SAT)
-    world.restart_activator(0x77)
+def restart_activator(world: TwoLinks, *links: str) -> None:
     for link in LINKS:
+        world.cut("activator", link)
+    world.restart_activator(0x77)
+    for link in links:
         world.connect("activator", link)
+
+
+def test_a_restarted_activator_is_taken_over_both(world: TwoLinks) -> None:
+    restart_activator(world, LTE, SAT)
     world.pass_time(1000)
     assert is_reachable(world)
     world.send(Arm())
     assert written(world) == 1
 
 
-def test_a_drone_that_is_there_over_the_lost_connection_alone_is_gone() -> None:
-    world = started()
+def test_a_drone_that_is_there_over_the_lost_connection_alone_is_gone(world: TwoLinks) -> None:
     world.cut("uav", SAT)
     world.cut("activator", LTE)
     assert not is_reachable(world)
@@ -235,24 +228,17 @@ def test_safety_commands_go_over_both(command: object, links: list[str], signed:
     assert over(world, "drone1/commands", since) == links
 
 
-def test_a_state_goes_over_the_better_one_alone_and_both_change_with_the_measure() -> None:
-    world = started()
-    since = len(world.over)
-    world.autopilot(position(5.0))
-    world.pass_time(1000)
-    assert set(over(world, "drone1/state/location", since)) == {LTE}
+def test_a_state_goes_over_the_better_one_alone_and_both_change_with_the_measure(world: TwoLinks) -> None:
+    assert way_of_states(world, 5.0) == {LTE}
     world.freeze("uav", LTE)
     world.pass_time(NOTICED_MS + 100)
+    assert way_of_states(world, 9.0) == {SAT}
     since = len(world.over)
-    world.autopilot(position(9.0))
-    world.pass_time(1000)
-    assert set(over(world, "drone1/state/location", since)) == {SAT}
     world.send(Arm())
     assert over(world, "drone1/commands", since) == [SAT], "the activator follows the drone's beacon"
 
 
-def test_a_command_that_only_a_stuck_connection_has_goes_over_the_other() -> None:
-    world = started()
+def test_a_command_that_only_a_stuck_connection_has_goes_over_the_other(world: TwoLinks) -> None:
     world.freeze("uav", LTE)
     command_id = world.send(Arm())
     assert written(world) == 0
@@ -267,8 +253,7 @@ def test_a_command_that_only_a_stuck_connection_has_goes_over_the_other() -> Non
     assert words(world, command_id) == [Word.COMPLETED]
 
 
-def test_a_command_that_comes_out_of_a_stuck_connection_after_its_deadline_is_not_executed() -> None:
-    world = started()
+def test_a_command_that_comes_out_of_a_stuck_connection_after_its_deadline_is_not_executed(world: TwoLinks) -> None:
     for link in LINKS:
         world.freeze("uav", link)
     command_id = world.send(Arm(), ttl_ms=1000)
@@ -280,8 +265,7 @@ def test_a_command_that_comes_out_of_a_stuck_connection_after_its_deadline_is_no
     assert words(world, command_id) == [Word.EXPIRED]
 
 
-def test_an_older_command_does_not_come_behind_a_hold() -> None:
-    world = started()
+def test_an_older_command_does_not_come_behind_a_hold(world: TwoLinks) -> None:
     world.freeze("uav", LTE)
     older = world.send(Arm())
     world.send(Hold())
@@ -291,9 +275,8 @@ def test_an_older_command_does_not_come_behind_a_hold() -> None:
     assert words(world, older) == [Word.OVERTAKEN]
 
 
-def test_nobody_subscribes_only_where_no_broker_has_a_subscriber() -> None:
-    world = started()
-    world.subscribed = [entry for entry in world.subscribed if entry[:2] != ("uav", LTE)]
+def test_nobody_subscribes_only_where_no_broker_has_a_subscriber(world: TwoLinks) -> None:
+    world.lose_subscriptions("uav", LTE)
     command_id = world.send(Arm())
     assert written(world) == 1
     assert words(world, command_id) == []

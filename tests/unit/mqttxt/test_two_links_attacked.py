@@ -15,7 +15,7 @@ from mqttxt.protocol.readings import Reading, ReadingMessage
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.two_links import LINKS, TwoLinks
 from tests.simulation.world import ack, heartbeat, landed, position
-from tests.unit.mqttxt.test_two_links import is_reachable, started
+from tests.unit.mqttxt.test_two_links import is_reachable, restart_activator, started
 
 LTE, SAT = LINKS
 ARM_DISARM, SET_MODE = 400, 176
@@ -23,14 +23,6 @@ ARM_DISARM, SET_MODE = 400, 176
 
 def said(world: TwoLinks, command_id: object) -> list[tuple[Word, str | None]]:
     return [(o.word, o.reason) for o in world.heard if isinstance(o, Outcome) and o.id == command_id]
-
-
-def restart_activator(world: TwoLinks, *links: str) -> None:
-    for link in LINKS:
-        world.cut("activator", link)
-    world.restart_activator(0x77)
-    for link in links:
-        world.connect("activator", link)
 
 
 @pytest.mark.parametrize("signed", [False, True])
@@ -85,8 +77,7 @@ class Flown(TwoLinks):
 @pytest.mark.parametrize("signed", [False, True])
 def test_an_offboard_flight_does_not_end_by_an_older_lease(signed: bool) -> None:
     """The stuck connection gives back one message at a time, as a narrow one does."""
-    world = Flown(signed=signed).start()
-    world.pass_time(1000)
+    world = Flown(signed=signed).start(1000)
     world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
     command_id = world.send(Offboard(60.0, velocity=Velocity(1.0, 0.0, 0.0)))
     world.pass_time(1000)
@@ -141,8 +132,7 @@ class Silent(TwoLinks):
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("away_ms", [200, 3000])
 def test_a_last_word_that_only_a_broker_without_the_activator_has_is_not_lost(signed: bool, away_ms: int) -> None:
-    world = Silent(signed=signed).start()
-    world.pass_time(1000)
+    world = Silent(signed=signed).start(1000)
     world.cut("activator", SAT)
     world.pass_time(1000)
     command_id = world.send(Arm())

@@ -23,11 +23,10 @@ from tests.simulation.world import (
     World,
     ack,
     command_payload,
+    connect,
     heartbeat,
-    home,
-    landed,
     on_disk,
-    position,
+    on_the_ground,
     ready,
     results,
     transmitted,
@@ -40,6 +39,11 @@ def client(qos: int = 1, unfinished: list[Unfinished] | None = None, now_ms: int
     made = UavClient(1, UAV_SESSION, Settings(qos=qos), unfinished=unfinished)
     ready(made, now_ms)
     return made
+
+
+@pytest.fixture
+def uav() -> UavClient:
+    return client()
 
 
 def hear(uav: UavClient, message: Any, now_ms: int = 1000, retain: bool = False) -> list[Any]:
@@ -56,6 +60,12 @@ def states_of(effects: list[Any]) -> list[str]:
 
 def published(effects: list[Any], topic: str) -> list[Publish]:
     return [e for e in effects if isinstance(e, Publish) and e.topic == topic]
+
+
+def lease(uav: UavClient, now_ms: int, **changed: Any) -> list[Any]:
+    """What the client does with a lease of its activator."""
+    fields = {"activator_session": 9, "drone_session": UAV_SESSION, "nonce": 42, "bound": True, **changed}
+    return list(uav.on_message("fog", Inbound("drone1/init_connect", encode(DroneLease(**fields)), 1), now_ms))
 
 
 def test_commands_are_subscribed_without_what_is_retained() -> None:
@@ -108,8 +118,7 @@ def test_an_unknown_session_is_told_this_ones_beacon() -> None:
     assert result.beacon == BeaconMessage(session=UAV_SESSION, now_ms=1234)
 
 
-def test_a_duplicate_is_answered_and_not_executed() -> None:
-    uav = client()
+def test_a_duplicate_is_answered_and_not_executed(uav: UavClient) -> None:
     hear(uav, command_payload(Arm()))
     assert transmitted(hear(uav, command_payload(Arm()))) == []
     uav.on_mavlink(ack(ARM), 1100)
@@ -120,8 +129,7 @@ def test_a_duplicate_is_answered_and_not_executed() -> None:
     assert words(hear(uav, command_payload(Arm(), deadline_ms=0), 90_000)) == [(Word.COMPLETED, None)]
 
 
-def test_one_id_with_other_contents_is_denied_and_the_first_goes_on() -> None:
-    uav = client()
+def test_one_id_with_other_contents_is_denied_and_the_first_goes_on(uav: UavClient) -> None:
     hear(uav, command_payload(Arm()))
     conflict = hear(uav, command_payload(Disarm()))
     assert words(conflict) == [(Word.DENIED, "id_conflict")]
@@ -129,8 +137,7 @@ def test_one_id_with_other_contents_is_denied_and_the_first_goes_on() -> None:
     assert words(list(uav.on_mavlink(ack(ARM), 1100))) == [(Word.ACCEPTED, None)]
 
 
-def test_a_lower_number_is_overtaken_by_a_started_one_of_its_session() -> None:
-    uav = client()
+def test_a_lower_number_is_overtaken_by_a_started_one_of_its_session(uav: UavClient) -> None:
     hear(uav, command_payload(Hold(), seq=5))
     assert words(hear(uav, command_payload(Arm(), seq=4))) == [(Word.OVERTAKEN, None)]
     assert len(transmitted(hear(uav, command_payload(Arm(), seq=4, gs_session=0x77)))) == 1
@@ -146,9 +153,7 @@ def test_a_malformed_command_is_denied_where_it_can_be_named() -> None:
 def controlled() -> UavClient:
     """A client whose drone the station of `command_payload` controls."""
     uav = client()
-    fields = {"activator_session": 9, "drone_session": UAV_SESSION, "nonce": 42, "bound": True, "deadline_ms": 60_000}
-    lease = DroneLease(**fields, holder_session=0x11)
-    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease)), 1000)
+    lease(uav, 1000, deadline_ms=60_000, holder_session=0x11)
     return uav
 
 
@@ -160,7 +165,8 @@ def test_whoever_is_not_in_control_leaves_room_for_who_is() -> None:
         hear(uav, command_payload(Land(), gs_session=0x77, seq=seq, deadline_ms=0))
     for seq in range(300):
         hear(uav, command_payload(Arm(), seq=seq, deadline_ms=0))
-    assert words(hear(uav, command_payload(Arm(), seq=9000)))[0][1] == "ledger_full"
+    denied = hear(uav, command_payload(Arm(), seq=9000))
+    assert (words(denied), transmitted(denied)) == ([(Word.DENIED, "ledger_full")], [])
     for seq, command in ((9001, Hold()), (9002, Land()), (9003, Return())):
         assert len(transmitted(hear(uav, command_payload(command, seq=seq)))) == 1
 
@@ -173,19 +179,10 @@ def test_many_who_are_not_in_control_leave_room_for_who_is() -> None:
     assert len(transmitted(hear(uav, command_payload(Land(), seq=9001)))) == 1
 
 
-def test_a_full_ledger_denies() -> None:
-    uav = controlled()
-    uav.desk.ledger._capacity = 0
-    effects = hear(uav, command_payload(Arm()))
-    assert words(effects) == [(Word.DENIED, "ledger_full")]
-    assert transmitted(effects) == []
-
-
 HOUR_MS = 3_600_000
 
 
-def test_a_denied_command_is_not_executed_when_it_comes_again_after_the_ledger_has_dropped_it() -> None:
-    uav = client()
+def test_a_denied_command_is_not_executed_when_it_comes_again_after_the_ledger_has_dropped_it(uav: UavClient) -> None:
     far = command_payload(Arm(), deadline_ms=HOUR_MS)
     assert words(hear(uav, far)) == [(Word.DENIED, "deadline_too_far")]
     again_ms = HOUR_MS - 1000
@@ -209,8 +206,7 @@ def test_another_drones_topic_is_not_listened_to() -> None:
     assert isinstance(log, Log)
 
 
-def test_a_last_word_stays_in_the_journal_until_it_is_acknowledged() -> None:
-    uav = client()
+def test_a_last_word_stays_in_the_journal_until_it_is_acknowledged(uav: UavClient) -> None:
     hear(uav, command_payload(Arm()))
     (accepted,) = [e for e in uav.on_mavlink(ack(ARM), 1100) if isinstance(e, Publish)]
     assert accepted.ref is None
@@ -224,28 +220,18 @@ def test_a_last_word_stays_in_the_journal_until_it_is_acknowledged() -> None:
     assert uav.on_published("fog", ref, 0, 2600) == []
 
 
-def test_a_word_said_while_disconnected_is_published_after_the_next_birth() -> None:
-    uav = client()
+def test_a_word_said_while_disconnected_is_published_after_the_next_birth(uav: UavClient) -> None:
     hear(uav, command_payload(Arm()))
     uav.on_disconnected("fog", 1050)
     assert words(list(uav.on_mavlink(ack(ARM), 1100))) == []
     uav.on_mavlink(heartbeat(armed=True), 1200)
-    effects = [e for s in uav.on_connected("fog", 1300) for e in uav.on_subscribed(s, 1300)]  # type: ignore[arg-type]
-    assert words(effects) == [(Word.COMPLETED, None)]
+    assert words(connect(uav, 1300)) == [(Word.COMPLETED, None)]
 
 
 def test_what_an_earlier_session_left_open_is_unconfirmed() -> None:
-    uav = UavClient(
-        1,
-        UAV_SESSION,
-        Settings(),
-        unfinished=[
-            Unfinished(CommandId(0x11, 1), "arm"),
-            Unfinished(CommandId(0x11, 2), "hold", Word.COMPLETED),
-        ],
-    )
-    effects = [e for s in uav.on_connected("fog", 0) for e in uav.on_subscribed(s, 0)]  # type: ignore[arg-type]
-    assert words(effects) == [(Word.UNCONFIRMED, "restarted"), (Word.COMPLETED, None)]
+    left = [Unfinished(CommandId(0x11, 1), "arm"), Unfinished(CommandId(0x11, 2), "hold", Word.COMPLETED)]
+    uav = UavClient(1, UAV_SESSION, Settings(), unfinished=left)
+    assert words(connect(uav, 0)) == [(Word.UNCONFIRMED, "restarted"), (Word.COMPLETED, None)]
     again = hear(uav, command_payload(Arm(), deadline_ms=0), 10)
     assert words(again) == [(Word.UNCONFIRMED, "restarted")]
     assert transmitted(again) == []
@@ -253,7 +239,7 @@ def test_what_an_earlier_session_left_open_is_unconfirmed() -> None:
 
 def test_an_id_of_an_earlier_session_is_never_expired_however_late_the_fog_is_found() -> None:
     uav = UavClient(1, UAV_SESSION, Settings(), unfinished=[Unfinished(CommandId(GS_SESSION, 7), "land")])
-    for message in (heartbeat(), home(), position(), landed(1)):
+    for message in on_the_ground():
         uav.on_mavlink(message, 700_000)
     first, second = [one for one in uav.on_connected("fog", 700_000) if isinstance(one, Subscribe)]
     uav.on_subscribed(first, 700_001)
@@ -262,9 +248,8 @@ def test_an_id_of_an_earlier_session_is_never_expired_however_late_the_fog_is_fo
     assert words(hear(uav, command_payload(Land(), seq=7, deadline_ms=0), 702_000)) == [(Word.UNCONFIRMED, "restarted")]
 
 
-def test_a_query_for_what_the_ledger_has_forgotten_is_not_denied() -> None:
+def test_a_query_for_what_the_ledger_has_forgotten_is_not_denied(uav: UavClient) -> None:
     """A mission may fly for hours, and its station ask for it after long, through a new activator."""
-    uav = client()
     hear(uav, command_payload(Arm(), seq=7))
     for message in (ack(ARM), heartbeat(armed=True)):
         effects = uav.on_mavlink(message, 1010)
@@ -274,8 +259,7 @@ def test_a_query_for_what_the_ledger_has_forgotten_is_not_denied() -> None:
     assert (words(later), words(again)) == ([(Word.EXPIRED, None)], [(Word.UNCONFIRMED, None)])
 
 
-def test_a_command_that_waited_for_the_disk_is_judged_again() -> None:
-    uav = client()
+def test_a_command_that_waited_for_the_disk_is_judged_again(uav: UavClient) -> None:
     for seq in (5, 4):
         uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(Arm(), seq=seq))), 1000)
     uav.desk.on_journalled(CommandId(GS_SESSION, 5), 1800)
@@ -285,32 +269,27 @@ def test_a_command_that_waited_for_the_disk_is_judged_again() -> None:
     assert words(uav.desk.on_journalled(CommandId(GS_SESSION, 6), 2100)) == [(Word.DENIED, "not_in_control")]
 
 
-def test_nothing_is_begun_after_a_clean_stop() -> None:
-    uav = client()
+def test_nothing_is_begun_after_a_clean_stop(uav: UavClient) -> None:
     uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(Arm(), seq=5))), 1000)
     uav.goodbye(1100)
     assert uav.desk.on_journalled(CommandId(GS_SESSION, 5), 1200) == []
     assert hear(uav, command_payload(Arm(), seq=6), 1200) == []
 
 
-def test_a_question_of_the_activator_is_echoed_at_once() -> None:
-    lease = DroneLease(activator_session=9, drone_session=UAV_SESSION, nonce=42, bound=True)
-    (beacon,) = client().on_message("fog", Inbound("drone1/init_connect", encode(lease)), 1500)
+def test_a_question_of_the_activator_is_echoed_at_once(uav: UavClient) -> None:
+    (beacon,) = lease(uav, 1500)
     assert isinstance(beacon, Publish)
     assert decode(BeaconMessage, beacon.payload) == BeaconMessage(session=UAV_SESSION, now_ms=1500, nonce=42, held_ms=0)
 
 
 def test_a_second_client_of_a_number_stops_when_it_is_refused() -> None:
-    refusal = DroneLease(activator_session=9, drone_session=UAV_SESSION, nonce=42, bound=False)
-    (stop,) = client().on_message("fog", Inbound("drone1/init_connect", encode(refusal)), 1500)
+    (stop,) = lease(client(), 1500, bound=False)
     assert isinstance(stop, Stop)
-    others = DroneLease(activator_session=9, drone_session=77, nonce=42, bound=False)
-    assert client().on_message("fog", Inbound("drone1/init_connect", encode(others)), 1500) == []
+    assert lease(client(), 1500, bound=False, drone_session=77) == []
 
 
 @pytest.mark.parametrize("seen", [Presence(session=77, up=False), Presence(session=UAV_SESSION, up=False)])
-def test_a_late_will_is_answered_with_a_new_birth(seen: Presence) -> None:
-    uav = client()
+def test_a_late_will_is_answered_with_a_new_birth(uav: UavClient, seen: Presence) -> None:
     uav.on_message("fog", Inbound("drone1/reachable", encode(seen), retain=True), 1100)
     (birth,) = published(list(uav.tick(2100)), "drone1/reachable")
     assert decode(Presence, birth.payload) == Presence(session=UAV_SESSION, up=True)
@@ -327,8 +306,7 @@ def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
     assert 5 <= births <= 10
 
 
-def test_the_own_birth_needs_no_answer() -> None:
-    uav = client()
+def test_the_own_birth_needs_no_answer(uav: UavClient) -> None:
     uav.on_message(
         "fog", Inbound("drone1/reachable", encode(Presence(session=UAV_SESSION, up=True)), retain=True), 1100
     )
@@ -345,8 +323,7 @@ def test_beacons_come_every_ten_seconds_and_heartbeats_every_second() -> None:
     assert all(beat.ref is None for beat in beats)
 
 
-def test_a_clean_stop_says_that_the_drone_is_gone() -> None:
-    uav = client()
+def test_a_clean_stop_says_that_the_drone_is_gone(uav: UavClient) -> None:
     (down,) = uav.goodbye(2000)
     assert isinstance(down, Publish)
     assert (
@@ -365,14 +342,12 @@ def test_at_qos_0_results_leave_the_journal_when_they_are_said() -> None:
     assert {e.qos for e in effects if isinstance(e, Publish)} == {0}
 
 
-def test_states_are_published_once_and_again_after_a_reconnection() -> None:
-    uav = client()
+def test_states_are_published_once_and_again_after_a_reconnection(uav: UavClient) -> None:
     first = [e.topic for e in uav.tick(1100) if isinstance(e, Publish) and "/state/" in e.topic]
     assert "drone1/state/armed" in first
     assert [e for e in uav.tick(1200) if isinstance(e, Publish) and "/state/" in e.topic] == []
     uav.on_disconnected("fog", 1300)
-    for subscribe in uav.on_connected("fog", 1400):
-        uav.on_subscribed(subscribe, 1400)  # type: ignore[arg-type]
+    connect(uav, 1400)
     again = [e.topic for e in uav.tick(1500) if isinstance(e, Publish) and "/state/" in e.topic]
     assert again == first
 
@@ -390,23 +365,19 @@ def test_without_a_journal_nobody_knows_what_an_earlier_session_did(asked: dict[
         assert (said.word, said.reason) == (Word.UNCONFIRMED, "no_journal")
 
 
-def test_a_new_activator_session_hears_every_state_anew() -> None:
-    uav = client()
+def test_a_new_activator_session_hears_every_state_anew(uav: UavClient) -> None:
     told = states_of(uav.tick(1100))
     assert told
     for session, begin_ms in ((5, 1200), (6, 4000)):
         for nonce in (1, 2):
-            lease = DroneLease(activator_session=session, drone_session=UAV_SESSION, nonce=nonce, bound=True)
-            uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), begin_ms + 900 * nonce)
+            lease(uav, begin_ms + 900 * nonce, activator_session=session, nonce=nonce)
             again = [topic for tenth in range(9) for topic in states_of(uav.tick(begin_ms + 900 * nonce + 100 * tenth))]
             assert sorted(again) == (sorted(told) if nonce == 1 else [])
 
 
-def test_a_lease_is_no_reason_to_publish_faster_than_a_states_rate() -> None:
-    uav = client()
+def test_a_lease_is_no_reason_to_publish_faster_than_a_states_rate(uav: UavClient) -> None:
     told = states_of(uav.tick(1100))
-    lease = DroneLease(activator_session=5, drone_session=UAV_SESSION, nonce=1, bound=True)
-    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), 1150)
+    lease(uav, 1150)
     assert "drone1/state/location" not in states_of(uav.tick(2000))
     assert "drone1/state/location" in {*told} & {*states_of(uav.tick(2100))}
 
@@ -414,7 +385,7 @@ def test_a_lease_is_no_reason_to_publish_faster_than_a_states_rate() -> None:
 def test_an_activator_that_comes_after_its_drones_gets_their_states_at_once() -> None:
     world = World(qos=0)
     world.gs.add_fogs([1])
-    for message in (heartbeat(), home(), position(), landed(1)):
+    for message in on_the_ground():
         world.uav.on_mavlink(message, 0)
     world.run("uav", world.uav.on_connected(FOG, 0))
     world.pass_time(1000)

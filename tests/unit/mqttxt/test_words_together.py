@@ -14,7 +14,7 @@ from mqttxt.activator.process import ActivatorRunner
 from mqttxt.activator.together import LONGEST, PATIENT, WordsTogether
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.channel import Channel
-from mqttxt.core.effects import Inbound, Log, Publish
+from mqttxt.core.effects import Log, Publish
 from mqttxt.core.settings import TOGETHER_MS, Settings
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.cbor import MAX_PAYLOAD
@@ -51,9 +51,12 @@ ARM = "drone1/commands_result/arm"
 
 @pytest.fixture
 def plain_world() -> World:
-    made = World().start()
-    made.pass_time(1000)
-    return made
+    return World().start(1000)
+
+
+@pytest.fixture
+def bench() -> ActivatorBench:
+    return three()
 
 
 def three(bundles: bool = True) -> ActivatorBench:
@@ -96,8 +99,7 @@ def broadcast(bench: ActivatorBench, **more: Any) -> None:
     assert decode(FogResultMessage, roster.payload).roster
 
 
-def test_what_comes_within_the_window_leaves_together_at_its_end() -> None:
-    bench = three()
+def test_what_comes_within_the_window_leaves_together_at_its_end(bench: ActivatorBench) -> None:
     broadcast(bench)
     assert say(bench, 2, Word.ACCEPTED) == []
     assert bench.role.together_due_ms == bench.now_ms + TOGETHER_MS
@@ -112,8 +114,7 @@ def test_what_comes_within_the_window_leaves_together_at_its_end() -> None:
 
 
 @pytest.mark.parametrize("words", [(Word.ACCEPTED,), (Word.ACCEPTED, Word.COMPLETED), (Word.COMPLETED,)])
-def test_they_leave_at_once_when_no_drone_is_left_to_wait_for(words: tuple[Word, ...]) -> None:
-    bench = three()
+def test_they_leave_at_once_when_no_drone_is_left_to_wait_for(bench: ActivatorBench, words: tuple[Word, ...]) -> None:
     broadcast(bench)
     for word in words:
         assert say(bench, 1, word) == say(bench, 3, word) == []
@@ -121,32 +122,28 @@ def test_they_leave_at_once_when_no_drone_is_left_to_wait_for(words: tuple[Word,
         assert bench.role.together_due_ms is None
 
 
-def test_nobody_waits_for_a_drone_that_has_its_last_word() -> None:
-    bench = three()
+def test_nobody_waits_for_a_drone_that_has_its_last_word(bench: ActivatorBench) -> None:
     broadcast(bench)
     assert told(say(bench, 1, Word.FAILED, reason="x")) == [[(1, Word.FAILED)]]
     assert say(bench, 2, Word.ACCEPTED) == []
     assert told(say(bench, 3, Word.COMPLETED)) == [[(2, Word.ACCEPTED), (3, Word.COMPLETED)]]
 
 
-def test_the_next_word_of_a_drone_leaves_in_the_place_of_a_first_word() -> None:
-    bench = three()
+def test_the_next_word_of_a_drone_leaves_in_the_place_of_a_first_word(bench: ActivatorBench) -> None:
     broadcast(bench)
     for drone, word in ((1, Word.ACCEPTED), (2, Word.ACCEPTED), (1, Word.IN_PROGRESS), (1, Word.COMPLETED)):
         assert say(bench, drone, word) == []
     assert told(later(bench, TOGETHER_MS)) == [[(2, Word.ACCEPTED), (1, Word.COMPLETED)]]
 
 
-def test_a_first_word_that_tells_of_a_late_write_keeps_its_place() -> None:
-    bench = three()
+def test_a_first_word_that_tells_of_a_late_write_keeps_its_place(bench: ActivatorBench) -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED, late_ms=3)
     say(bench, 1, Word.COMPLETED)
     assert told(later(bench, TOGETHER_MS)) == [[(1, Word.ACCEPTED), (1, Word.COMPLETED)]]
 
 
-def test_a_definite_no_behind_a_first_word_that_it_replaces_is_none() -> None:
-    bench = three()
+def test_a_definite_no_behind_a_first_word_that_it_replaces_is_none(bench: ActivatorBench) -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED)
     (publish,) = [effect for effect in say(bench, 1, Word.DENIED, reason="x") if isinstance(effect, Publish)]
@@ -154,8 +151,7 @@ def test_a_definite_no_behind_a_first_word_that_it_replaces_is_none() -> None:
     assert (said.word, said.reason) == (Word.UNCONFIRMED, "denied after accepted")
 
 
-def test_the_roster_leaves_in_front_of_the_first_words() -> None:
-    bench = three()
+def test_the_roster_leaves_in_front_of_the_first_words(bench: ActivatorBench) -> None:
     commands = [effect.topic for effect in bench.command(to="commands") if isinstance(effect, Publish)]
     assert commands == [f"drone{n}/commands" for n in (1, 2, 3)]
     assert bench.role.together_due_ms == bench.now_ms + TOGETHER_MS
@@ -167,8 +163,7 @@ def test_the_roster_leaves_in_front_of_the_first_words() -> None:
     assert [word.drone for word in message.words or ()] == [1, 2, 3]
 
 
-def test_a_roster_leaves_with_a_no_at_once() -> None:
-    bench = three()
+def test_a_roster_leaves_with_a_no_at_once(bench: ActivatorBench) -> None:
     bench.fog("drone2/reachable", Presence(session=UAV_SESSION + 2, up=False))
     out = bench.command(to="commands")
     (publish,) = [effect for effect in out if isinstance(effect, Publish) and effect.topic == f"{OF_FOG}arm"]
@@ -203,8 +198,7 @@ def test_each_word_keeps_its_session_and_stamps_from_before_the_wait() -> None:
     ]
 
 
-def test_one_word_leaves_as_it_ever_did() -> None:
-    bench = three()
+def test_one_word_leaves_as_it_ever_did(bench: ActivatorBench) -> None:
     broadcast(bench)
     say(bench, 2, Word.ACCEPTED)
     (publish,) = later(bench, TOGETHER_MS)
@@ -213,8 +207,7 @@ def test_one_word_leaves_as_it_ever_did() -> None:
 
 
 @pytest.mark.parametrize("word", [word for word in Word if word not in PATIENT])
-def test_any_other_word_leaves_at_once_with_those_in_front_of_it(word: Word) -> None:
-    bench = three()
+def test_any_other_word_leaves_at_once_with_those_in_front_of_it(bench: ActivatorBench, word: Word) -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED)
     assert told(say(bench, 2, word, reason="x")) == [[(1, Word.ACCEPTED), (2, word)]]
@@ -237,8 +230,7 @@ def test_a_station_that_did_not_ask_for_bundles_hears_roster_and_words_alone() -
     assert told(say(bench, 1, Word.ACCEPTED)) == [[(1, Word.ACCEPTED)]]
 
 
-def test_what_is_said_of_another_command_leaves_behind_what_waits() -> None:
-    bench = three()
+def test_what_is_said_of_another_command_leaves_behind_what_waits(bench: ActivatorBench) -> None:
     broadcast(bench)
     bench.command(Land(), to="drone1/commands", seq=2)
     say(bench, 1, Word.ACCEPTED)
@@ -250,8 +242,7 @@ def test_what_is_said_of_another_command_leaves_behind_what_waits() -> None:
     assert told(denial) == [[(3, Word.ACCEPTED)], [(3, Word.DENIED)]]
 
 
-def test_two_broadcasts_do_not_share_a_message() -> None:
-    bench = three()
+def test_two_broadcasts_do_not_share_a_message(bench: ActivatorBench) -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED)
     assert told(bench.command(Hold(), to="commands", seq=2)) == [[(1, Word.ACCEPTED)]]
@@ -260,8 +251,7 @@ def test_two_broadcasts_do_not_share_a_message() -> None:
     assert told(out) == [[(1, Word.ACCEPTED)], [(1, Word.SUPERSEDED)]]
 
 
-def test_a_duplicate_is_answered_behind_what_waits() -> None:
-    bench = three()
+def test_a_duplicate_is_answered_behind_what_waits(bench: ActivatorBench) -> None:
     deadline_ms = bench.now_ms + 5000
     broadcast(bench, deadline_ms=deadline_ms)
     for drone, word in ((1, Word.ACCEPTED), (1, Word.COMPLETED), (2, Word.ACCEPTED)):
@@ -272,16 +262,14 @@ def test_a_duplicate_is_answered_behind_what_waits() -> None:
     assert later(bench, TOGETHER_MS) == []
 
 
-def test_the_truth_behind_an_unconfirmed_leaves_behind_what_waits() -> None:
-    bench = three()
+def test_the_truth_behind_an_unconfirmed_leaves_behind_what_waits(bench: ActivatorBench) -> None:
     bench.command(to="commands", limit_s=0.1)
     said = told(bench.until(bench.now_ms + 12_000))
     assert sorted(said) == [[], *([(n, Word.UNCONFIRMED)] for n in (1, 2, 3))]
     assert told(say(bench, 1, Word.COMPLETED)) == [[(1, Word.COMPLETED)]]
 
 
-def test_at_a_clean_stop_what_waits_leaves_before_down_and_nothing_waits_any_more() -> None:
-    bench = three()
+def test_at_a_clean_stop_what_waits_leaves_before_down_and_nothing_waits_any_more(bench: ActivatorBench) -> None:
     bench.command(to="commands")
     say(bench, 1, Word.ACCEPTED)
     say(bench, 2, Word.ACCEPTED)
@@ -292,8 +280,7 @@ def test_at_a_clean_stop_what_waits_leaves_before_down_and_nothing_waits_any_mor
     assert told(bench.command(Hold(), to="commands", seq=2))[0] == []
 
 
-def test_a_drone_that_starts_anew_and_a_fog_that_is_lost_take_nothing_from_what_waits() -> None:
-    bench = three()
+def test_a_drone_that_starts_anew_and_a_fog_that_is_lost_take_nothing_from_what_waits(bench: ActivatorBench) -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED)
     say(bench, 2, Word.ACCEPTED)
@@ -304,8 +291,7 @@ def test_a_drone_that_starts_anew_and_a_fog_that_is_lost_take_nothing_from_what_
     assert told(later(bench, TOGETHER_MS)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
 
 
-def test_after_hours_of_sleep_what_waits_leaves_in_front_of_what_nobody_heard_of() -> None:
-    bench = three()
+def test_after_hours_of_sleep_what_waits_leaves_in_front_of_what_nobody_heard_of(bench: ActivatorBench) -> None:
     broadcast(bench)
     say(bench, 1, Word.COMPLETED)
     say(bench, 2, Word.ACCEPTED)
@@ -316,16 +302,14 @@ def test_after_hours_of_sleep_what_waits_leaves_in_front_of_what_nobody_heard_of
     assert told(bench.until(bench.now_ms + 3000)) == []
 
 
-def test_the_tick_says_what_is_due_too() -> None:
-    bench = three()
+def test_the_tick_says_what_is_due_too(bench: ActivatorBench) -> None:
     broadcast(bench)
     say(bench, 1, Word.ACCEPTED)
     say(bench, 2, Word.ACCEPTED)
     assert told(bench.until(bench.now_ms + TOGETHER_MS + 100)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
 
 
-def test_states_that_wait_leave_beside_words() -> None:
-    bench = three()
+def test_states_that_wait_leave_beside_words(bench: ActivatorBench) -> None:
     broadcast(bench)
     bench.until(bench.now_ms + 1500)
     assert [effect for effect in bench.tell(Battery(50)) if isinstance(effect, Publish)] == []
@@ -454,8 +438,7 @@ def test_a_word_that_is_too_long_leaves_alone_behind_the_others() -> None:
 @pytest.mark.parametrize("encoding", Encoding)
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_station_hears_each_word_as_if_it_had_come_alone(encoding: Encoding, signed: bool) -> None:
-    world = World(bundles=True, encoding=encoding, signed=signed).start()
-    world.pass_time(1000)
+    world = World(bundles=True, encoding=encoding, signed=signed).start(1000)
     sent = world.send(Arm(), None)
     assert (world.gs.commands.pending[sent].roster == (1,)) is signed  # a signed roster waits for nothing
     world.autopilot(ack(400))
@@ -483,7 +466,7 @@ def test_a_word_that_its_drone_has_not_signed_keeps_none_of_the_others_away(worl
     forged = signed_word("fog1", Word.COMPLETED, ARM.replace("arm", "hold"), seq=sent.seq)
     own = signed_word("drone1", Word.ACCEPTED, ARM.replace("arm", "hold"), seq=sent.seq)
     payload = encode_together([(1, Envelope.parse(forged)), (1, Envelope.parse(own))])
-    out = list(world.gs.on_message("cloud", Inbound("fog1/commands_result/hold", payload, 1), world.now_ms))
+    out = world.hears("gs", "fog1/commands_result/hold", payload)
     assert [effect.kind for effect in out if isinstance(effect, Log)] == ["forged"]
     assert [(o.word, o.signer) for o in out if isinstance(o, Outcome)] == [(Word.ACCEPTED, "drone1")]
 
@@ -493,7 +476,7 @@ def test_an_activator_that_signs_words_in_its_drones_place_is_not_believed(world
     words = (WordTogether(drone=1, session=UAV_SESSION, stamp=1, word=Word.COMPLETED),)
     message = FogResultMessage(gs_session=GS_SESSION, seq=sent.seq, session=FOG_SESSION, stamp=1, words=words)
     payload = seal("fog1").sign("fog1/commands_result/hold", encode(message)).encode()
-    out = list(world.gs.on_message("cloud", Inbound("fog1/commands_result/hold", payload, 1), world.now_ms))
+    out = world.hears("gs", "fog1/commands_result/hold", payload)
     assert [effect.kind for effect in out if isinstance(effect, Log)] == ["forged"]
     assert len(out) == 1
 
@@ -520,8 +503,7 @@ def test_what_is_no_words_together_is_refused(plain: Any, world: World) -> None:
     with pytest.raises(PayloadError) as refused:
         parse_together(cbor2.dumps(plain))
     assert refused.value.kind == "not_signed"
-    heard = Inbound("fog1/commands_result/hold", cbor2.dumps(plain), 1)
-    assert [type(effect) for effect in world.gs.on_message("cloud", heard, world.now_ms)] == [Log]
+    assert [type(effect) for effect in world.hears("gs", "fog1/commands_result/hold", cbor2.dumps(plain))] == [Log]
 
 
 def test_words_about_another_stations_command_and_of_drones_it_does_not_concern_are_left(plain_world: World) -> None:
@@ -530,7 +512,7 @@ def test_words_about_another_stations_command_and_of_drones_it_does_not_concern_
     for drone, gs_session, kinds in ((2, GS_SESSION, ["foreign_result"]), (1, GS_SESSION + 1, [])):
         words = (WordTogether(drone=drone, session=UAV_SESSION, stamp=1, word=Word.COMPLETED),)
         message = FogResultMessage(gs_session=gs_session, seq=sent.seq, session=FOG_SESSION, stamp=1, words=words)
-        out = world.gs.on_message("cloud", Inbound("fog1/commands_result/hold", encode(message), 1), world.now_ms)
+        out = world.hears("gs", "fog1/commands_result/hold", encode(message))
         assert [getattr(effect, "kind", effect) for effect in out] == kinds
 
 
@@ -552,8 +534,7 @@ async def test_a_process_does_not_wait_for_its_tick_to_say_what_is_due(monkeypat
     assert told(left) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
 
 
-def test_a_list_of_psmi_leaves_behind_what_waits() -> None:
-    bench = three()
+def test_a_list_of_psmi_leaves_behind_what_waits(bench: ActivatorBench) -> None:
     bench.command(to="commands")
     say(bench, 1, Word.ACCEPTED)
     deadline_ms, goto = bench.now_ms + 5000, Goto(47.0, 8.0, 10.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -68,17 +68,24 @@ class Bench:
         self.links.hold(UP, change, words)
 
 
+Made = Callable[..., Bench]
+
+
+@pytest.fixture
+def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Made:
+    """Makes the bench of a plan."""
+    return lambda plan, **options: Bench(tmp_path, plan, monkeypatch, **options)
+
+
 def plan_of(*events: EventPlan, **figures: Any) -> LinksPlan:
     plain = resolve(read_profile("ideal"), TOPOLOGY, "scenario-1", 1, 60)
     return replace(plain, links={**plain.links, UP: LinkPlan(**figures)}, events=events)
 
 
 @pytest.mark.parametrize("name", profile_names())
-def test_every_profile_is_read_back_as_it_was_asked_for(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_profile_is_read_back_as_it_was_asked_for(name: str, made: Made) -> None:
     plan = resolve(read_profile(name), TOPOLOGY, "scenario-1", 1, 60)
-    bench = Bench(tmp_path, plan, monkeypatch, always=True)
+    bench = made(plan, always=True)
     assert bench.links.checked == {"qdiscs": 10 + 1 + 2 * 18, "classes": bench.links.checked["classes"], "filters": 108}
     assert bench.links.checked["classes"] == (24 if name == "sik" else 18)
     assert not [line for line in bench.tc.said if "@" in line]
@@ -94,9 +101,7 @@ def test_every_profile_is_read_back_as_it_was_asked_for(
         ("seed", 5, "seed 5.0; expected "),
     ],
 )
-def test_what_is_read_back_otherwise_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, field: str, value: object, said: str
-) -> None:
+def test_what_is_read_back_otherwise_is_named(field: str, value: object, said: str, made: Made) -> None:
     class Other(FakeTc):
         def _qdisc(self, words: list[str]) -> None:
             super()._qdisc(words)
@@ -104,21 +109,19 @@ def test_what_is_read_back_otherwise_is_named(
                 self.qdiscs[DEVICE, "1:"]["options"][field] = value
 
     with pytest.raises(NetError) as error:
-        Bench(tmp_path, plan_of(delay_us=100_000, loss=0.01), monkeypatch, tc=Other())
+        made(plan_of(delay_us=100_000, loss=0.01), tc=Other())
     assert f"qdisc {DEVICE} 1:: {said}" in str(error.value)
 
 
-def test_what_is_not_there_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, made: Made) -> None:
     monkeypatch.setattr(FakeTc, "_filter", lambda *_: None)
     with pytest.raises(NetError, match=r"filter eth4 ingress c6120003: not there; expected it as asked"):
-        Bench(tmp_path, plan_of(delay_us=100_000), monkeypatch)
+        made(plan_of(delay_us=100_000))
 
 
-def test_events_wait_for_the_start_and_are_carried_out_at_their_times(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_events_wait_for_the_start_and_are_carried_out_at_their_times(made: Made) -> None:
     outage = EventPlan(2.0, UP, 1.0, {"closed": True})
-    bench = Bench(tmp_path, plan_of(outage, delay_us=100_000), monkeypatch)
+    bench = made(plan_of(outage, delay_us=100_000))
     assert bench.at(50.0) == []
     bench.links.start(int(1050.0 * S))
     assert bench.at(51.999) == []
@@ -130,11 +133,9 @@ def test_events_wait_for_the_start_and_are_carried_out_at_their_times(
     assert bench.events() == [(52.0, UP, {"closed": True}, "profile"), (53.0, UP, None, "profile")]
 
 
-def test_an_event_leaves_the_stage_alone_that_it_does_not_change(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_event_leaves_the_stage_alone_that_it_does_not_change(made: Made) -> None:
     slower = EventPlan(1.0, UP, 1.0, {"rate_bps": 500_000})
-    bench = Bench(tmp_path, plan_of(slower, rate_bps=1_000_000, queue_packets=9, loss=0.1), monkeypatch)
+    bench = made(plan_of(slower, rate_bps=1_000_000, queue_packets=9, loss=0.1))
     bench.links.start(1000 * S)
     changed = bench.at(1.0)
     assert [" ".join(line.split()[:5]) for line in changed] == [
@@ -149,11 +150,9 @@ def test_an_event_leaves_the_stage_alone_that_it_does_not_change(
     assert [line.split()[4] for line in bench.tc.said[told:]] == [DEVICE]
 
 
-def test_what_a_closed_link_dropped_is_told_from_what_was_drawn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_closed_link_dropped_is_told_from_what_was_drawn(tmp_path: Path, made: Made) -> None:
     outage = EventPlan(2.0, UP, 1.0, {"closed": True})
-    bench = Bench(tmp_path, plan_of(outage, rate_bps=1_000_000, queue_packets=9, loss=0.1), monkeypatch)
+    bench = made(plan_of(outage, rate_bps=1_000_000, queue_packets=9, loss=0.1))
     bench.tc.count(DEVICE, packets=7, drops=1)
     bench.links.start(1000 * S)
     bench.tc.count(DEVICE, packets=90, drops=10)
@@ -171,18 +170,16 @@ def test_what_a_closed_link_dropped_is_told_from_what_was_drawn(
     assert (at_start["left"], at_start["random"], at_start["closed"]) == (7, 1, 0)
 
 
-def test_without_a_rate_what_enters_is_what_comes_to_the_delay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(tmp_path, plan_of(delay_us=1000, duplicate=0.1), monkeypatch)
+def test_without_a_rate_what_enters_is_what_comes_to_the_delay(made: Made) -> None:
+    bench = made(plan_of(delay_us=1000, duplicate=0.1))
     bench.tc.count(DEVICE, packets=110)
     bench.tc.pass_by("eth2", "0x7", 100)
     bench.at(2.0)
     assert (bench.counters()["entered"], bench.counters()["duplicated"]) == (100, 10)
 
 
-def test_frames_that_the_kernel_dropped_before_a_link_void_the_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench = Bench(tmp_path, plan_of(delay_us=1000), monkeypatch)
+def test_frames_that_the_kernel_dropped_before_a_link_void_the_run(tmp_path: Path, made: Made) -> None:
+    bench = made(plan_of(delay_us=1000))
     bench.at(2.0)
     assert json.loads((tmp_path / "counters.json").read_text())["void"] is None
     bench.tc.devices[DEVICE] = 3
@@ -191,9 +188,9 @@ def test_frames_that_the_kernel_dropped_before_a_link_void_the_run(
     assert void == f"the kernel dropped frames before the links: {{'{DEVICE}': 3}}"
 
 
-def test_a_change_by_hand_hides_events_until_it_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_change_by_hand_hides_events_until_it_is_let_go(made: Made) -> None:
     later = EventPlan(1.0, UP, 5.0, {"loss": 0.9})
-    bench = Bench(tmp_path, plan_of(later, delay_us=1000), monkeypatch, always=True)
+    bench = made(plan_of(later, delay_us=1000), always=True)
     bench.links.start(1000 * S)
     bench.hold({"loss": 0.2})
     assert "loss 20%" in bench.tc.said[-1]
@@ -204,9 +201,9 @@ def test_a_change_by_hand_hides_events_until_it_is_let_go(tmp_path: Path, monkey
     assert len(bench.at(6.0)) == 1
 
 
-def test_a_link_that_is_shut_stays_so_whatever_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_link_that_is_shut_stays_so_whatever_it_is_told(made: Made) -> None:
     gate = host.Gate("air:uav1", 1, 47.4, 8.5)
-    bench = Bench(tmp_path, plan_of(EventPlan(1.0, UP, 1.0, {"loss": 0.5})), monkeypatch, gates=[gate])
+    bench = made(plan_of(EventPlan(1.0, UP, 1.0, {"loss": 0.5})), gates=[gate])
     bench.links.start(1000 * S)
     bench.links.shut(UP, True)
     assert "loss 100%" in bench.tc.said[-1]
@@ -215,8 +212,8 @@ def test_a_link_that_is_shut_stays_so_whatever_it_is_told(tmp_path: Path, monkey
     assert "loss 50%" in bench.tc.said[-1]
 
 
-def test_a_change_that_the_kernel_refuses_is_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(tmp_path, plan_of(EventPlan(1.0, UP, 1.0, {"loss": 0.5})), monkeypatch, always=True)
+def test_a_change_that_the_kernel_refuses_is_not_held(made: Made) -> None:
+    bench = made(plan_of(EventPlan(1.0, UP, 1.0, {"loss": 0.5})), always=True)
     bench.links.start(1000 * S)
     bench.tc.refuses = "loss 20%"
     with pytest.raises(NetError, match=r"tc qdisc change dev air-uav1-up .*: Error: Specified qdisc kind is unknown."):
@@ -226,14 +223,14 @@ def test_a_change_that_the_kernel_refuses_is_not_held(tmp_path: Path, monkeypatc
         bench.links.hold(UP, {"loss": 0.2}, [])
 
 
-def test_a_link_without_stages_cannot_be_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(tmp_path, plan_of(delay_us=1000), monkeypatch)
+def test_a_link_without_stages_cannot_be_changed(made: Made) -> None:
+    bench = made(plan_of(delay_us=1000))
     with pytest.raises(NetError, match=r"wan:gs:up: has no stages in this run; expected `always` in plan\.json"):
         bench.links.hold("wan:gs:up", {"loss": 0.2}, [["tc"]])
 
 
-def test_in_the_end_all_devices_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(tmp_path, plan_of(delay_us=1000), monkeypatch)
+def test_in_the_end_all_devices_are_removed(made: Made) -> None:
+    bench = made(plan_of(delay_us=1000))
     bench.links.end()
     assert bench.tc.said[-1] == f"ip link del {DEVICE}"
 
@@ -248,18 +245,18 @@ def test_in_the_end_all_devices_are_removed(tmp_path: Path, monkeypatch: pytest.
     ],
 )
 def test_a_kernels_part_that_makes_no_sense_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], said: str
+    change: dict[str, Any], said: str, monkeypatch: pytest.MonkeyPatch, made: Made
 ) -> None:
-    made = host.run_plan(plan_of(delay_us=1000), TOPOLOGY)
-    made["kernel"] |= change
-    monkeypatch.setattr(host, "run_plan", lambda *_, **__: made)
+    written = host.run_plan(plan_of(delay_us=1000), TOPOLOGY)
+    written["kernel"] |= change
+    monkeypatch.setattr(host, "run_plan", lambda *_, **__: written)
     with pytest.raises(PlanError) as error:
-        Bench(tmp_path, plan_of(), monkeypatch)
+        made(plan_of())
     assert said in str(error.value)
 
 
-def test_netem_is_chosen_where_it_can_do_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    run = Bench(tmp_path, plan_of(delay_us=1000), monkeypatch).run
+def test_netem_is_chosen_where_it_can_do_everything(made: Made) -> None:
+    run = made(plan_of(delay_us=1000)).run
     kernel = FakeTc()
     assert choose(run, kernel).shaper == "netem"
     assert kernel.said[-2:] == ["ip link del net-try-1", "ip link del net-try-2"]

@@ -22,7 +22,7 @@ GCS = (245, 190)
 class Drone:
     """A vehicle with one link, flown by a test."""
 
-    like: Personality[Any] = PX4
+    like: Personality = PX4
 
     def __init__(self, **parameters: float) -> None:
         self.vehicle = Vehicle(DroneConfig(1, parameters=parameters, quiet=True), ["px4-onboard"], like=self.like)
@@ -68,6 +68,12 @@ class Drone:
     ) -> int | None:
         four = [*params, *[0.0] * (4 - len(params))]
         return _result(self.tell(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *four, x, y, z)))
+
+    def reposition(self, north_m: float, east_m: float, z: float = NAN, frame: int = 0) -> int | None:
+        """A goto from where it began, at the height that it has unless `z` says another."""
+        place = self.autopilot.guidance.origin.offset(north_m, east_m, 0)
+        x, y = round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)
+        return self.command_int(192, -1, 1, 0, NAN, x=x, y=y, z=z, frame=frame)
 
     def take_off(self, altitude_m: float = 10.0) -> None:
         """Armed and hovering."""

@@ -22,7 +22,10 @@ class Side:
         self.logs = Logs([Log(5, DATA)])
         self.armed = False
         self.texts: list[str] = []
-        self.link = cls(self.logs, lambda: self.armed, self.texts.append)
+        self.link = cls(self)
+
+    def say(self, text: str) -> None:
+        self.texts.append(text)
 
     def list(self) -> list[Any]:
         self.link.answer(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))

@@ -21,7 +21,7 @@ NAME = {"experiment": "scenario-3", "arm": "direct", "profile": "lte"}
 
 @pytest.fixture(autouse=True)
 def _papers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("testbed.present.reproduction.pdf", lambda *_: b"%PDF")
+    monkeypatch.setattr("testbed.present.report.figures.files.pdf", lambda *_: b"%PDF")
 
 
 def _table(folder: Path, **line: Any) -> Path:
@@ -121,7 +121,7 @@ def test_broken_off_it_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.Mon
         raise Interrupted("interrupted; what was flown is kept")
 
     monkeypatch.setattr(command, "only_run", lambda: None)
-    monkeypatch.setattr(command, "run_series", interrupted)
+    monkeypatch.setattr("testbed.cli.campaign.run_series", interrupted)
     code, _, said = _run(tmp_path, _table(tmp_path), "--seed", "11")
     assert code == 130
     assert said == "testbed: interrupted; what was flown is kept\nto go on, type: make reproduce SEED=11\n"

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from tests.tools import programs
 
 
-def test_tshark_is_installed_only_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("ensure", "program", "package"),
+    [(programs.ensure_tshark, "tshark", "tshark"), (programs.ensure_chromium, "google-chrome", "chromium")],
+)
+def test_a_program_is_installed_only_where_it_has_no_name(
+    ensure: Callable[[], object], program: str, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked: list[list[str]] = []
     monkeypatch.setattr(programs, "apt_install", lambda packages, why: asked.append(packages))
-    monkeypatch.setattr(programs.shutil, "which", lambda _: "/usr/bin/tshark")
-    programs.ensure_tshark()
+    monkeypatch.setattr(programs.shutil, "which", lambda name: "/usr/bin/it" if name == program else None)
+    ensure()
     assert asked == []
     monkeypatch.setattr(programs.shutil, "which", lambda _: None)
-    programs.ensure_tshark()
-    assert asked == [["tshark"]]
-
-
-def test_chromium_is_installed_only_where_it_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[list[str]] = []
-    monkeypatch.setattr(programs, "apt_install", lambda packages, why: asked.append(packages))
-    monkeypatch.setattr(programs.shutil, "which", lambda name: "/usr/bin/it" if name == "google-chrome" else None)
-    programs.ensure_chromium()
-    assert asked == []
-    monkeypatch.setattr(programs.shutil, "which", lambda _: None)
-    programs.ensure_chromium()
-    assert asked == [["chromium"]]
+    ensure()
+    assert asked == [[package]]
 
 
 def test_tsharks_version_is_found_behind_what_it_tells_root(monkeypatch: pytest.MonkeyPatch) -> None:

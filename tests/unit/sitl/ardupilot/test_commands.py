@@ -66,18 +66,6 @@ def test_a_takeoff_is_for_the_ground_armed_in_guided(copter: Any) -> None:
     assert copter.command(TAKEOFF, *up, 12) == FAILED, "in the air"
 
 
-@pytest.mark.parametrize("mode", [LOITER, POSHOLD])
-def test_a_takeoff_where_the_stick_decides_is_accepted_and_not_flown(copter: Any, mode: int) -> None:
-    copter.command(SET_MODE, 1, mode)
-    copter.command(ARM, 1)
-    assert copter.command(TAKEOFF, *[0.0] * 6, 5) == ACCEPTED
-    copter.fly_until(lambda: not copter.autopilot.landed, 4)
-    copter.fly_until(lambda: copter.autopilot.landed, 4)
-    assert (copter.up_m, copter.autopilot.armed) == (0, True)
-    copter.command(SET_MODE, 1, ALT_HOLD)
-    assert copter.command(TAKEOFF, *[0.0] * 6, 5) == FAILED
-
-
 def test_a_goto_on_the_ground_is_accepted_and_not_flown(copter: Any) -> None:
     assert copter.go(20, 0, 10) == ACCEPTED
     copter.command(ARM, 1)
@@ -130,26 +118,6 @@ def test_set_points_are_followed_in_guided_alone(copter: Any) -> None:
 
 def test_a_ping_is_not_answered(copter: Any) -> None:
     assert copter.tell(mavlink.MAVLink_ping_message(123, 7, 0, 0)) == []
-
-
-def test_what_it_does_not_know_is_unsupported(copter: Any) -> None:
-    assert copter.command(31_000) == UNSUPPORTED
-
-
-def test_it_says_nothing_but_heartbeats_until_it_is_asked(copter: Any) -> None:
-    def said(seconds: float) -> set[str]:
-        end_s, kinds = copter.autopilot.now_s + seconds, set()
-        while copter.autopilot.now_s < end_s:
-            copter.fly(0.1)
-            kinds |= {message.get_type() for message in copter.vehicle.streamed(0, copter.autopilot.now_s)}
-        return kinds
-
-    assert said(5) == {"HEARTBEAT"}
-    assert copter.command(511, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2e5) == ACCEPTED
-    assert said(1) == {"HEARTBEAT", "EXTENDED_SYS_STATE"}
-    assert copter.command(511, 9999, 1e6) == DENIED
-    assert copter.command(512, 9999) == FAILED
-    assert copter.command(512, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == ACCEPTED
 
 
 def test_every_message_that_it_has_can_be_asked_for(copter: Any) -> None:

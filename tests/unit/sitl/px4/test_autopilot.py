@@ -38,20 +38,9 @@ def test_a_takeoff_climbs_at_its_speed_and_ends_in_hold(drone: Any) -> None:
     assert drone.up_m == pytest.approx(10, abs=0.05)
 
 
-def test_hold_in_a_takeoff_stops_the_climb(drone: Any) -> None:
-    drone.command(400, 1)
-    drone.command(22, *[NAN] * 6, 538.0)
-    drone.fly_until(lambda: drone.up_m > 4)
-    drone.command(176, 1, 4, 3)
-    height_m = drone.up_m
-    drone.fly(20)
-    assert drone.up_m == pytest.approx(height_m, abs=1)
-
-
 def test_hold_in_cruise_flies_on_and_a_reposition_to_nowhere_brakes(drone: Any) -> None:
     drone.take_off()
-    place = drone.autopilot.guidance.origin.offset(100, 0, 0)
-    drone.command_int(192, -1, 1, x=round(place.latitude_deg * 1e7), y=round(place.longitude_deg * 1e7), z=NAN)
+    drone.reposition(100, 0)
     drone.fly(8)
     assert drone.command(176, 1, 4, 3) == 0
     drone.fly(2)
@@ -79,8 +68,7 @@ def test_landing_slows_down_near_the_ground(drone: Any) -> None:
 def test_return_climbs_flies_home_lands_and_disarms(make_drone: Any) -> None:
     drone = make_drone(RTL_RETURN_ALT=20)
     drone.take_off()
-    place = drone.autopilot.guidance.origin.offset(60, 0, 0)
-    drone.command_int(192, -1, 1, x=round(place.latitude_deg * 1e7), y=round(place.longitude_deg * 1e7), z=NAN)
+    drone.reposition(60, 0)
     drone.fly_until(lambda: drone.autopilot.motion.position[0] > 59)
     drone.command(176, 1, 4, 5)
     drone.fly_until(lambda: drone.autopilot.motion.position[0] < 55)
@@ -92,8 +80,7 @@ def test_return_climbs_flies_home_lands_and_disarms(make_drone: Any) -> None:
 def test_return_never_descends_to_its_height(make_drone: Any) -> None:
     drone = make_drone(RTL_RETURN_ALT=5)
     drone.take_off(15)
-    place = drone.autopilot.guidance.origin.offset(30, 0, 0)
-    drone.command_int(192, -1, 1, x=round(place.latitude_deg * 1e7), y=round(place.longitude_deg * 1e7), z=NAN)
+    drone.reposition(30, 0)
     drone.fly(15)
     drone.command(176, 1, 4, 5)
     drone.fly(3)
@@ -113,8 +100,7 @@ def test_a_return_from_near_home_stays_within_the_cone(make_drone: Any) -> None:
     """Farther than NAV_ACC_RAD and nearer than RTL_MIN_DIST it climbs no higher than RTL_CONE_ANG allows."""
     drone = make_drone()
     drone.take_off(3)
-    place = drone.autopilot.guidance.origin.offset(8, 0, 0)
-    drone.command_int(192, -1, 1, x=round(place.latitude_deg * 1e7), y=round(place.longitude_deg * 1e7), z=NAN)
+    drone.reposition(8, 0)
     drone.fly(15)
     drone.command(176, 1, 4, 5)
     highest = 0.0

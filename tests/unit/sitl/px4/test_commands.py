@@ -36,12 +36,6 @@ def test_arming_is_refused_in_a_mode_that_it_could_not_take_off_in(drone: Any, m
     assert drone.command(ARM, 1) == ACCEPTED
 
 
-def test_arming_again_is_accepted_and_changes_nothing(drone: Any) -> None:
-    drone.command(ARM, 1)
-    assert drone.command(ARM, 1) == ACCEPTED
-    assert drone.events().count("armed") == 1
-
-
 @pytest.mark.parametrize(("wanted", "why"), [({"healthy": False}, "not ready"), ({"battery_pct": 3}, "low battery")])
 def test_arming_is_refused_with_a_reason(drone: Any, wanted: dict[str, Any], why: str) -> None:
     drone.vehicle.control({"set": wanted})
@@ -63,14 +57,6 @@ def test_disarming_in_the_air_must_be_forced(drone: Any) -> None:
     assert drone.command(ARM, 0, FORCE) == ACCEPTED
     assert drone.fly_until(lambda: drone.up_m == 0) < 5, "without motors it falls"
     drone.fly_until(lambda: drone.autopilot.landed)
-
-
-def test_takeoff_while_disarmed_is_accepted_and_the_next_arming_climbs(drone: Any) -> None:
-    assert drone.command(TAKEOFF, *[NAN] * 6, 493.0) == ACCEPTED
-    drone.fly(5)
-    assert (drone.mode, drone.up_m) == ("TAKEOFF", 0.0)
-    assert drone.command(ARM, 1) == ACCEPTED
-    drone.fly_until(lambda: drone.up_m > 4, limit_s=15)
 
 
 def test_takeoff_without_a_height_takes_the_parameter(make_drone: Any) -> None:
@@ -144,15 +130,6 @@ def test_in_flight_a_mode_without_what_it_needs_is_taken_and_then_refused(drone:
     assert [ack.result for ack in drone.sent("COMMAND_ACK")] == [ACCEPTED, REJECTED]
     assert drone.texts()[-1].startswith("Switching to ")
     assert drone.mode == "HOLD"
-
-
-def test_an_unknown_command_is_unsupported(drone: Any) -> None:
-    assert drone.command(31_000) == UNSUPPORTED
-
-
-@pytest.mark.parametrize("number", [203, 204, 205, 206, 530])
-def test_a_command_for_a_payload_is_not_answered(drone: Any, number: int) -> None:
-    assert drone.command(number) is None
 
 
 def test_others_commands_have_no_answer(drone: Any) -> None:

@@ -12,20 +12,12 @@ ACCEPTED, REJECTED, DENIED = 0, 1, 2
 ARM, REPOSITION, SET_MODE = 400, 192, 176
 
 
-@pytest.mark.parametrize("frame", [0, 5])
-def test_goto_above_sea_level(drone: Any, frame: int) -> None:
+@pytest.mark.parametrize(("frame", "z"), [(0, 503), (5, 503), (3, 15), (6, 15)])
+def test_goto_above_sea_level_and_above_home(drone: Any, frame: int, z: float) -> None:
     drone.take_off()
-    _goto(drone, 40, 30, 488 + 15, frame)
+    assert drone.reposition(40, -30, z, frame) == ACCEPTED
     drone.fly(30)
-    _assert_at(drone, 40, 30, 15)
-
-
-@pytest.mark.parametrize("frame", [3, 6])
-def test_goto_above_home(drone: Any, frame: int) -> None:
-    drone.take_off()
-    _goto(drone, -20, 10, 12, frame)
-    drone.fly(30)
-    _assert_at(drone, -20, 10, 12)
+    _assert_at(drone, 40, -30, 15)
 
 
 def test_goto_keeps_what_it_leaves_out(drone: Any) -> None:
@@ -49,7 +41,7 @@ def test_goto_flies_no_faster_and_no_harder_than_its_parameters(make_drone: Any)
     """Its trajectory waits for the drone, which so never gets quite as fast."""
     drone = make_drone(MPC_XY_CRUISE=8, MPC_ACC_HOR=2)
     drone.take_off()
-    _goto(drone, 100, 0, 498, 0)
+    assert drone.reposition(100, 0, 498) == ACCEPTED
     last, fastest, hardest = 0.0, 0.0, 0.0
     for _ in range(1000):
         drone.fly(0.02)
@@ -66,7 +58,7 @@ def test_goto_to_nowhere_is_denied(drone: Any, x: int, z: float, frame: int) -> 
 
 
 def test_goto_on_the_ground_disarmed_is_accepted_and_nothing_follows(drone: Any) -> None:
-    _goto(drone, 20, 0, 498, 0)
+    assert drone.reposition(20, 0, 498) == ACCEPTED
     assert drone.command(ARM, 1) == ACCEPTED
     drone.fly(8)
     assert drone.autopilot.motion.position == [0.0, 0.0, 0.0]
@@ -77,7 +69,7 @@ def test_goto_on_the_ground_armed_takes_off_and_stopping_there_does_not(drone: A
     assert drone.command_int(REPOSITION, -1, 1, x=2**31 - 1, y=2**31 - 1, z=NAN) == ACCEPTED
     drone.fly(4)
     assert drone.up_m == 0.0
-    _goto(drone, 20, 0, 498, 0)
+    assert drone.reposition(20, 0, 498) == ACCEPTED
     drone.fly(25)
     _assert_at(drone, 20, 0, 10)
 
@@ -87,12 +79,6 @@ def test_goto_is_refused_outside_hold_without_leave_to_change_the_mode(drone: An
     drone.command(SET_MODE, 1, 4, 5)
     assert drone.command_int(REPOSITION, -1, 0, z=NAN) == REJECTED
     assert drone.mode == "RETURN"
-
-
-def _goto(drone: Any, north_m: float, east_m: float, z: float, frame: int) -> None:
-    place = drone.autopilot.guidance.origin.offset(north_m, east_m, 0)
-    x, y = round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)
-    assert drone.command_int(REPOSITION, -1, 1, 0, NAN, x=x, y=y, z=z, frame=frame) == ACCEPTED
 
 
 def _assert_at(drone: Any, north_m: float, east_m: float, up_m: float) -> None:

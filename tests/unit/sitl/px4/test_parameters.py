@@ -38,11 +38,6 @@ def test_read_by_name_and_by_index(drone: Any) -> None:
         assert error.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 
 
-def test_a_float_is_set(drone: Any) -> None:
-    (answer,) = drone.tell(mavlink.MAVLink_param_set_message(1, 1, b"RTL_RETURN_ALT", 25.0, REAL32))
-    assert answer.param_value == drone.autopilot.parameters["RTL_RETURN_ALT"] == 25.0
-
-
 def test_an_integer_travels_as_its_bytes(drone: Any) -> None:
     as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
     (answer,) = drone.tell(mavlink.MAVLink_param_set_message(1, 1, b"NAV_DLL_ACT", as_float, INT32))

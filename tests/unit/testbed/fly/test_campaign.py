@@ -20,7 +20,7 @@ from testbed.errors import DockerError, Interrupted, UserError
 from testbed.fly import manifest, resume
 from testbed.fly.campaign import run
 from testbed.fly.campaign.estimate import Durations, in_words
-from testbed.fly.campaign.run import fly_all, job_of
+from testbed.fly.campaign.run import fly_all
 from testbed.fly.campaign.targets import Wish, plans_of
 from testbed.fly.results import METRICS, Series, read_json, write_json
 from testbed.fly.runner import Begun, run_series
@@ -305,8 +305,3 @@ def test_a_run_that_is_broken_off_says_what_to_type_and_leaves_the_page(
         "to go on, type: make all EXPERIMENTS=scenario-3 ARMS=direct PROFILES=ideal",
     ]
     assert "scenario-1/thesis-ideal" in (tmp_path / "summary.html").read_text()
-
-
-def test_a_job_of_a_folder_without_series_is_new(tmp_path: Path) -> None:
-    job = job_of(plans_of(SMALL)[0], tmp_path)
-    assert (job.series, job.begun, job.done, job.why_new) == (None, {}, False, None)

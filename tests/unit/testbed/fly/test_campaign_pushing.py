@@ -38,6 +38,13 @@ def pushed(store: Store, root: Path, machine: str = "lab-1") -> Arrived:
     return push(Series(root / PATH), root, NAME, machine, ["attempt 1: void"], store)
 
 
+def begun(folder: Path) -> tuple[Store, str, dict[str, bytes]]:
+    """A store to which a series is announced, the token of that, and what is to be put there."""
+    series, store = series_in(folder / "worker"), Store(folder / "results")
+    files = files_of(series.path)
+    return store, store.begin(PATH, files), {file.path: (series.path / file.path).read_bytes() for file in files}
+
+
 def left_in(root: Path) -> list[str]:
     """What there is besides the series that was asked for."""
     return [path.name for path in root.glob(f"{INCOMING}/*")] + [path.name for path in root.glob("scenario-*/*/2*")]
@@ -57,15 +64,11 @@ def test_a_series_arrives_as_it_was_flown(tmp_path: Path) -> None:
 
 
 def test_the_same_part_twice_is_the_same_as_once(tmp_path: Path) -> None:
-    series = series_in(tmp_path / "worker")
-    store = Store(tmp_path / "results")
-    files = files_of(series.path)
-    token = store.begin(PATH, files)
-    for file in files:
-        data = (series.path / file.path).read_bytes()
+    store, token, contents = begun(tmp_path)
+    for path, data in contents.items():
         for offset in (1000, 0, 2000, 1000):
-            if offset < file.size:
-                store.put(token, file.path, offset, data[offset : offset + 1000])
+            if offset < len(data):
+                store.put(token, path, offset, data[offset : offset + 1000])
     assert store.finish(token, NAME, "lab-1", ()).size == 2505
 
 
@@ -81,18 +84,14 @@ def test_the_first_series_of_a_name_counts_and_a_second_one_is_dropped(tmp_path:
 
 @pytest.mark.parametrize("harm", ["a part is missing", "a byte is another", "a file is missing"])
 def test_a_series_that_is_not_whole_is_not_there_at_all(tmp_path: Path, harm: str) -> None:
-    series = series_in(tmp_path / "worker")
-    store = Store(tmp_path / "results")
-    files = files_of(series.path)
-    token = store.begin(PATH, files)
-    for file in files:
-        data = (series.path / file.path).read_bytes()
-        if file.path.endswith("gs.pcap"):
+    store, token, contents = begun(tmp_path)
+    for path, data in contents.items():
+        if path.endswith("gs.pcap"):
             if harm == "a file is missing":
                 continue
             data = data[:2000] if harm == "a part is missing" else bytes([data[0] ^ 1]) + data[1:]
         if data:
-            store.put(token, file.path, 0, data)
+            store.put(token, path, 0, data)
     with pytest.raises(ResultsError, match=r"pushed: mqttxt/attempt-01/gs\.pcap: not whole: expected 2500 bytes"):
         store.finish(token, NAME, "lab-1", ())
     assert left_in(tmp_path / "results") == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 from testbed.errors import ResultsError
 from testbed.fly.flight_logs import against, compare, compare_flights, simulation_reason
 from testbed.fly.results import Attempt
+from tests.handmade.attempts import write_lines
 from tests.handmade.ulog_files import Flight, write_ulog
 
 BOOTED_NS = 1_795_000_000_000_000_000
@@ -84,12 +84,8 @@ def test_how_uncertain_the_times_are_is_measured_and_granted(tmp_path: Path) -> 
 @pytest.fixture
 def attempt(tmp_path: Path) -> Attempt:
     write_ulog(tmp_path / "sitl" / "uav1.log" / "2026-11-22" / "16_39_23.ulg", Flight())
-    _write_events(tmp_path, events_of(Flight()))
+    write_lines(tmp_path / "sitl" / "uav1.jsonl", events_of(Flight()))
     return Attempt(tmp_path, "mqttxt", 1)
-
-
-def _write_events(folder: Path, events: list[dict[str, Any]]) -> None:
-    (folder / "sitl" / "uav1.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
 
 
 def test_every_drone_with_a_log_is_compared_and_the_first_that_is_off_is_named(attempt: Attempt) -> None:
@@ -97,7 +93,7 @@ def test_every_drone_with_a_log_is_compared_and_the_first_that_is_off_is_named(a
     assert list(found) == ["uav1"]
     assert against(attempt) is None
     assert found["uav1"].changes[0].event == "armed"
-    _write_events(attempt.path, events_of(Flight(), armed=-900.0))
+    write_lines(attempt.path / "sitl" / "uav1.jsonl", events_of(Flight(), armed=-900.0))
     assert str(against(attempt)).startswith("uav1: events and flight log disagree: armed -901 ms")
 
 
@@ -144,16 +140,18 @@ def test_a_log_of_another_px4_whose_topics_have_other_fields_is_an_error(attempt
 
 def test_events_without_clocks_cannot_be_compared(attempt: Attempt) -> None:
     told = [event for event in events_of(Flight()) if event["event"] != "clock"]
-    _write_events(attempt.path, told)
+    write_lines(attempt.path / "sitl" / "uav1.jsonl", told)
     with pytest.raises(ResultsError, match="only 0 clock events"):
         compare_flights(attempt)
 
 
 def test_in_a_flight_that_failed_only_its_simulation_counts(attempt: Attempt) -> None:
     cut = [event for event in events_of(Flight(), speed=0.6) if event["event"] not in ("landed", "disarmed")]
-    _write_events(attempt.path, cut)
+    write_lines(attempt.path / "sitl" / "uav1.jsonl", cut)
     assert str(simulation_reason(attempt)).startswith("uav1: the autopilot's clock ran at 0.600 of the time")
-    _write_events(attempt.path, [event for event in events_of(Flight()) if event["event"] != "disarmed"])
+    write_lines(
+        attempt.path / "sitl" / "uav1.jsonl", [event for event in events_of(Flight()) if event["event"] != "disarmed"]
+    )
     assert simulation_reason(attempt) is None
 
 

@@ -106,6 +106,12 @@ def _daemon(name: str, client: Any) -> Daemon:
     return Daemon(Machine(f"unix:///{name}", ("fog1", "uav1")), f"unix:///{name}", client)
 
 
+def _join(here: _Docker, there: Daemon) -> None:
+    """What a run does of swarms that flies nothing."""
+    with joined(here, [there]):
+        pass
+
+
 @pytest.fixture
 def here() -> _Docker:
     return _Docker()
@@ -136,18 +142,14 @@ def test_of_a_swarm_that_was_there_only_who_joined_leaves(here: _Docker, there: 
 
 def test_what_a_killed_run_left_is_used_and_taken_apart(here: _Docker, there: _Docker) -> None:
     here.make({LABEL: "made"})
-    with joined(here, [_daemon("a", there)]):
-        pass
+    _join(here, _daemon("a", there))
     assert here.of is there.of is None
 
 
 def test_a_machine_in_another_swarm_is_named_and_nothing_is_left(here: _Docker, there: _Docker) -> None:
     there.make({})
-    with (
-        pytest.raises(UserError, match="MACHINES: unix:///a: is in another swarm: expected none"),
-        joined(here, [_daemon("a", there)]),
-    ):
-        pass
+    with pytest.raises(UserError, match="MACHINES: unix:///a: is in another swarm: expected none"):
+        _join(here, _daemon("a", there))
     assert here.of is None
     assert there.of is not None
 
@@ -157,11 +159,8 @@ def test_a_machine_that_cannot_join_is_named_with_the_port_that_it_needs(here: _
         raise APIError("", explanation="Timeout was reached before node joined")
 
     there.swarm.join = refuse
-    with (
-        pytest.raises(UserError, match=r"unix:///a: Timeout .*expected a machine that reaches TCP port 2377"),
-        joined(here, [_daemon("a", there)]),
-    ):
-        pass
+    with pytest.raises(UserError, match=r"unix:///a: Timeout .*expected a machine that reaches TCP port 2377"):
+        _join(here, _daemon("a", there))
     assert here.of is None
 
 
@@ -191,8 +190,8 @@ def test_a_run_that_is_interrupted_before_a_node_has_its_label_leaves_no_machine
 ) -> None:
     here.make({})
     here._own.refusals = [KeyboardInterrupt()]
-    with pytest.raises(KeyboardInterrupt), joined(here, [_daemon("a", there)]):
-        pass
+    with pytest.raises(KeyboardInterrupt):
+        _join(here, _daemon("a", there))
     assert there.of is None
     assert [node.id for node in here._own.nodes] == [here.node]
 
@@ -202,8 +201,7 @@ def test_what_was_killed_before_a_node_had_its_label_is_taken_apart_by_the_next_
 ) -> None:
     here.make({LABEL: "made"})
     there._join([], here)
-    with joined(here, [_daemon("a", there)]):
-        pass
+    _join(here, _daemon("a", there))
     assert here.of is there.of is None
 
 
@@ -213,8 +211,8 @@ def test_a_run_that_is_interrupted_while_the_swarm_is_made_leaves_none(here: _Do
         raise KeyboardInterrupt
 
     here.swarm.init = interrupted
-    with pytest.raises(KeyboardInterrupt), joined(here, [_daemon("a", there)]):
-        pass
+    with pytest.raises(KeyboardInterrupt):
+        _join(here, _daemon("a", there))
     assert here.of is None
 
 
@@ -224,11 +222,8 @@ def test_a_machine_that_goes_on_joining_though_nobody_waits_is_stopped(here: _Do
         raise ReadTimeout("Read timed out. (read timeout=20)")
 
     there.swarm.join = hang
-    with (
-        pytest.raises(UserError, match=r"^MACHINES: unix:///a: Read timed out.*: expected a machine that reaches TCP"),
-        joined(here, [_daemon("a", there)]),
-    ):
-        pass
+    with pytest.raises(UserError, match=r"^MACHINES: unix:///a: Read timed out.*: expected a machine that reaches TCP"):
+        _join(here, _daemon("a", there))
     assert not there.is_joining
     assert here.of is None
 
@@ -252,8 +247,8 @@ def test_nobody_is_told_to_take_a_machine_out_of_a_swarm_that_it_was_in_before(h
 def test_a_worker_of_a_swarm_is_no_place_to_type_it_and_stays_one(here: _Docker, there: _Docker) -> None:
     there.make({LABEL: "made"})
     here._join([], there)
-    with pytest.raises(UserError, match="expected this machine in no swarm"), joined(here, [_daemon("a", there)]):
-        pass
+    with pytest.raises(UserError, match="expected this machine in no swarm"):
+        _join(here, _daemon("a", there))
     assert here.of is there.of is not None
 
 
@@ -371,6 +366,13 @@ def _ssh(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     monkeypatch.setenv("PATH", str(folder), prepend=":")
 
 
+def _refused() -> str:
+    """What is said of a machine whose socket ssh does not forward."""
+    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
+        pass
+    return str(error.value)
+
+
 def test_the_socket_of_a_far_machine_is_forwarded_and_ssh_ends_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -399,10 +401,8 @@ def test_a_socket_that_ssh_does_not_forward_in_time_is_one_line(
 ) -> None:
     monkeypatch.setattr(reach, "OPENED_S", 0.3)
     _ssh(tmp_path, monkeypatch, "echo Could not request local forwarding. >&2; exec sleep 60")
-    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
-        pass
     said = "ssh has not forwarded /var/run/docker.sock within 0.3 s: Could not request local forwarding"
-    assert str(error.value) == f"MACHINES: ssh://a: {said}"
+    assert _refused() == f"MACHINES: ssh://a: {said}"
 
 
 def test_a_far_machine_where_no_docker_may_be_used_is_told_what_was_expected(
@@ -429,22 +429,17 @@ def test_a_machine_that_ssh_does_not_reach_is_named_with_what_ssh_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ssh(tmp_path, monkeypatch, "echo a: Permission denied >&2; exit 255")
-    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
-        pass
     expected = "expected a machine that ssh reaches without asking"
-    assert str(error.value) == f"MACHINES: ssh://a: a: Permission denied: {expected}"
+    assert _refused() == f"MACHINES: ssh://a: a: Permission denied: {expected}"
 
 
 def test_what_ssh_says_is_one_line_whatever_bytes_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _ssh(tmp_path, monkeypatch, r"printf 'banner\n\377\376 \033[2J no\tentry\n' >&2; exit 255")
-    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
-        pass
-    assert str(error.value).isprintable()
-    assert "no entry: expected a machine that ssh reaches without asking" in str(error.value)
+    said = _refused()
+    assert said.isprintable()
+    assert "no entry: expected a machine that ssh reaches without asking" in said
 
 
 def test_a_machine_without_ssh_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
-    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
-        pass
-    assert str(error.value) == "MACHINES: ssh://a: expected ssh to be installed here"
+    assert _refused() == "MACHINES: ssh://a: expected ssh to be installed here"

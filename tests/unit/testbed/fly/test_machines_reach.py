@@ -111,7 +111,11 @@ class OddDocker:
 
 
 @pytest.fixture
-def odd_docker() -> Iterator[OddDocker]:
+def odd_docker(monkeypatch: pytest.MonkeyPatch) -> Iterator[OddDocker]:
+    """Another machine's; this one's is as it should be."""
+    here, connect = _Docker(), containers.connect_docker
+    monkeypatch.setattr(here, "close", lambda: None, raising=False)
+    monkeypatch.setattr(reach, "connect_docker", lambda address=None: here if address is None else connect(address))
     with tempfile.TemporaryDirectory(prefix="mx") as folder:  # short: a socket's path may have 107 bytes
         docker = OddDocker(Path(folder))
         yield docker
@@ -181,10 +185,6 @@ def test_a_docker_that_is_silent_or_says_no_answer_is_one_line_that_names_the_ma
     path: str, answer: bytes | None, said: str, odd_docker: OddDocker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(containers, "ANSWER_S", 0.2)
-    here = _Docker()
-    monkeypatch.setattr(here, "close", lambda: None, raising=False)
-    connect = containers.connect_docker
-    monkeypatch.setattr(reach, "connect_docker", lambda address=None: here if address is None else connect(address))
     odd_docker.answers[path] = answer
     machine = Machine(odd_docker.address, ())
     with (
@@ -211,12 +211,8 @@ def test_a_fleet_that_somebody_flies_on_a_machine_is_left_in_peace() -> None:
     assert asked[0] == {"label": ["com.docker.compose.project=mqttxt-testbed", "com.docker.compose.service=net"]}
 
 
-def test_a_machine_that_is_refused_is_left_as_it_is(odd_docker: OddDocker, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_that_is_refused_is_left_as_it_is(odd_docker: OddDocker) -> None:
     """With real requests: the fleet is found, and nothing is asked of the machine but what it is and has."""
-    here = _Docker()
-    monkeypatch.setattr(here, "close", lambda: None, raising=False)
-    connect = containers.connect_docker
-    monkeypatch.setattr(reach, "connect_docker", lambda address=None: here if address is None else connect(address))
     info = b'{"ID":"1","Name":"b","DockerRootDir":"/","Plugins":{"Network":["overlay"]}}'
     odd_docker.answers |= {"info": info, "containers": b'[{"Id":"1"}]'}
     machine = Machine(odd_docker.address, ())

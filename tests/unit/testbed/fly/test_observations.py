@@ -10,7 +10,7 @@ import pytest
 from testbed.fly.observations import observe, verdict_of
 from testbed.fly.results import Attempt, new_series, write_json
 from testbed.fly.validity import Observed, Verdict
-from tests.handmade.attempts import SECOND, T0
+from tests.handmade.attempts import SECOND, T0, write_lines
 from tests.handmade.mavlink_attempts import Chain, make_mavlink_attempt
 
 EVENTS = [
@@ -37,6 +37,7 @@ def test_an_attempt_with_everything_has_no_fault(flown: Attempt) -> None:
 @pytest.mark.parametrize(
     ("lost", "seen"),
     [
+        ("pcap/captures.json", Observed(uncaptured=("cloud", "fog1", "gs", "uav1", "uav2"))),
         ("pcap/uav2.pcap", Observed(uncaptured=("uav2",))),
         ("events.jsonl", Observed(has_end=False)),
         ("sitl/uav2.jsonl", Observed(silent=("uav2",))),
@@ -91,7 +92,7 @@ def test_the_verdict_that_a_run_wrote_stands_and_one_that_wrote_no_observations_
 def test_an_older_runs_failed_attempt_stays_failed_unless_the_shaper_was_late(flown: Attempt) -> None:
     slow = {"t_ns": T0, "event": "armed"}, {"t_ns": T0 + SECOND, "event": "clock", "boot_ms": 100}
     points = [*slow, {"t_ns": T0 + 2 * SECOND, "event": "clock", "boot_ms": 600}]
-    (flown.path / "sitl" / "uav1.jsonl").write_text("".join(json.dumps(point) + "\n" for point in points))
+    write_lines(flown.path / "sitl" / "uav1.jsonl", points)
     manifest = flown.manifest() | {"status": "failed", "reason": "arm: denied"}
     assert seen_of(flown, "arm: denied").flights != ()
     assert verdict_of(flown, manifest) == Verdict("failed", ("arm: denied",))

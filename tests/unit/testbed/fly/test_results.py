@@ -44,13 +44,6 @@ def test_a_fleet_by_hand_has_nothing_of_the_one_before(tmp_path: Path) -> None:
     assert list((attempt.path / "links").iterdir()) == []
 
 
-def test_what_is_no_series_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="nothing: expected a results folder"):
-        open_series(tmp_path / "nothing")
-    with pytest.raises(UserError, match="expected a series, with <protocol>/attempt-NN in it"):
-        open_series(tmp_path)
-
-
 def test_a_results_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UserError, match=r"results folder .*file"):

@@ -24,9 +24,7 @@ from testbed.numbers.dissect.mqtt5_codes import DISCONNECT_REASONS, REASONS, SUB
 from testbed.numbers.dissect.mqtt5_fields import (
     PROPERTIES,
     MalformedError,
-    read_properties,
     read_variable,
-    write_properties,
     write_variable,
 )
 
@@ -145,11 +143,6 @@ def test_a_packet_whose_bytes_are_changed_does_not_raise_and_loses_none(packet: 
     read = mqtt5.MQTT(bytes(changed))
     assert bytes(read) == changed
     assert read.show(dump=True)
-
-
-@given(LISTS)
-def test_properties_are_read_as_they_were_written(found: list[tuple[str, Any]]) -> None:
-    assert read_properties(write_properties(found)) == found
 
 
 @given(st.integers(0, 268_435_455))

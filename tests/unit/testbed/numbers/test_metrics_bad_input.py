@@ -11,14 +11,13 @@ import pytest
 from testbed.errors import ResultsError
 from testbed.fly.results import Series, new_series, read_json, write_json
 from testbed.numbers.metrics import measure_series
-from tests.handmade.attempts import SECOND, T0, frame, make_attempt, write_pcap
+from tests.handmade.attempts import SECOND, T0, frame, make_attempt, manifest, write_pcap
 
 
 @pytest.fixture
-def series(tmp_path: Path) -> Series:
-    found = new_series(tmp_path, "scenario-1", "thesis", "ideal")
-    make_attempt(found)
-    return found
+def series(series: Series) -> Series:
+    make_attempt(series)
+    return series
 
 
 @pytest.mark.parametrize(
@@ -26,7 +25,20 @@ def series(tmp_path: Path) -> Series:
     [
         ("manifest.json", None, "mqttxt/attempt-02/manifest.json: No such file or directory"),
         ("manifest.json", '{"version": 1', "mqttxt/attempt-02/manifest.json: not JSON"),
+        ("manifest.json", "[]", "mqttxt/attempt-02/manifest.json: expected an object"),
+        ("manifest.json", "{}", "mqttxt/attempt-02/manifest.json: version is None, expected 1"),
         ("manifest.json", '{"version": 0}', "mqttxt/attempt-02/manifest.json: version is 0, expected 1"),
+        ("manifest.json", '{"version": 1}', "mqttxt/attempt-02/manifest.json: experiment is missing"),
+        (
+            "manifest.json",
+            '{"version": 1, "experiment": []}',
+            "mqttxt/attempt-02/manifest.json: experiment: expected text",
+        ),
+        (
+            "manifest.json",
+            json.dumps(manifest(status="great")),
+            "mqttxt/attempt-02/manifest.json: status is great, expected completed, failed or void",
+        ),
         ("events.jsonl", "{}\n", "mqttxt/attempt-02/events.jsonl, line 1: expected an event with t_ns"),
         (
             "events.jsonl",
@@ -50,6 +62,7 @@ def series(tmp_path: Path) -> Series:
         ),
         ("pcap/gs.pcap", "no capture", "mqttxt/attempt-02/pcap/gs.pcap: not a capture: it begins with b'no c'"),
         ("pcap/captures.json", "{}", "mqttxt/attempt-02/pcap/captures.json: expected a list of captures"),
+        ("pcap/captures.json", '[{"node": "gs"}]', "mqttxt/attempt-02/pcap/captures.json: expected a list of captures"),
     ],
 )
 def test_an_attempt_that_cannot_be_read_is_void_and_the_others_are_measured(
@@ -114,6 +127,7 @@ def test_a_series_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> No
 def test_a_capture_that_was_cut_off_is_said_beside_the_numbers(series: Series) -> None:
     (series.attempts()[0].path / "pcap" / "uav1.pcap").write_bytes(b"")
     (found,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (found["packets"], found["truncated"]) == (5, ["uav1.pcap"])
     assert found["notes"] == ["uav1.pcap was cut off; it is counted up to the cut"]
     # whether the drone had the command the captures do not tell: it is not said to be lost
     assert found["messages"]["commands"]["arm"] == {

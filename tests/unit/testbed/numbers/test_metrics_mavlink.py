@@ -14,9 +14,11 @@ from tests.handmade.mavlink_attempts import (
     HOP,
     MS,
     Chain,
+    armed,
     fill_streams,
     long_command,
     make_mavlink_attempt,
+    mission,
     packed,
     sender,
 )
@@ -31,9 +33,7 @@ SEEN = 2 * HOP + HOP // 2
 def measured(
     series: Series, chain: Chain, calls: list[dict[str, Any]], disarmed_s: float = 9.0, routers: str = "per-uav"
 ) -> dict[str, Any]:
-    start = {"t_ns": T0 - SECOND, "event": "mission_start", "scenario": "scenario-1", "drones": list(chain.drones)}
-    end = {"t_ns": T0 + 10 * SECOND, "event": "mission_end", "status": "completed", "reason": None}
-    make_mavlink_attempt(series, 1, chain, [start, *calls, end], disarmed_s, routers=routers)
+    make_mavlink_attempt(series, 1, chain, mission(chain, calls), disarmed_s, routers=routers)
     (found,) = measure_series(series)["protocols"]["mavlink"]["attempts"]
     assert isinstance(found, dict)
     return found
@@ -84,8 +84,7 @@ def test_every_number_of_a_tiny_attempt(series: Series) -> None:
 
 
 def test_what_a_router_drops_is_not_what_a_link_loses(series: Series) -> None:
-    chain, drone, station = Chain(), sender(1), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain, drone = armed(), sender(1)
     for number in range(5):
         until = "cloud" if number in (1, 3) else None
         lost_on = "fog1" if number == 4 else None
@@ -99,8 +98,7 @@ def test_what_a_router_drops_is_not_what_a_link_loses(series: Series) -> None:
 
 
 def test_a_drop_shows_although_the_same_bytes_come_again_after_256_messages(series: Series) -> None:
-    chain, drone, station = Chain(), sender(1), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain, drone = armed(), sender(1)
     for number, until in enumerate((None, "cloud", None)):
         drone.seq = 7
         chain.send(T0 + (number + 1) * SECOND, packed(drone, HEARTBEAT), 1, up=True, until=until)
@@ -126,8 +124,7 @@ def test_a_shared_router_owes_what_names_no_target_to_every_neighbour(
 
 
 def test_the_routers_own_heartbeats_are_told_apart(series: Series) -> None:
-    chain, station, router = Chain(), sender(245, 190), sender(231, 191)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain, router = armed(), sender(231, 191)
     chain.send(T0 + SECOND, packed(router, HEARTBEAT, version_1=True), 1, up=True, until="fog1")
     found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])
     assert found["mavlink"]["own_heartbeats"] == 1
@@ -170,8 +167,7 @@ def test_the_same_command_called_again_is_a_call_of_its_own(series: Series) -> N
 
 
 def test_a_message_that_shares_its_datagram_answers_for_its_part_of_the_frame(series: Series) -> None:
-    chain, drone, station = Chain(), sender(1), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain, drone = armed(), sender(1)
     other = common.MAVLink_system_time_message(1, 1)  # 9 bytes of payload, as the heartbeat
     chain.send(T0 + SECOND, packed(drone, HEARTBEAT) + packed(drone, other), 1, up=True)
     streams = measured(series, chain, [called(T0 - 500, 1, "arm", 1)])["mavlink"]["streams"]
@@ -180,8 +176,7 @@ def test_a_message_that_shares_its_datagram_answers_for_its_part_of_the_frame(se
 
 @pytest.mark.parametrize("direct", [False, True])
 def test_streams_have_the_rates_at_which_they_were_sent(series: Series, direct: bool) -> None:
-    chain, station = Chain((1, 4), direct=direct), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain = armed((1, 4), direct)
     fill_streams(chain, 2.0, {"ATTITUDE": 20, "VFR_HUD": 10})
     found = measured(series, chain, [called(T0 - 500, 1, "arm", 1)], disarmed_s=2.0)
     rates = {stream["name"]: (stream["count"], stream["rate_hz"]) for stream in found["mavlink"]["streams"]}
@@ -193,22 +188,14 @@ def test_streams_have_the_rates_at_which_they_were_sent(series: Series, direct: 
 
 def test_both_sides_give_ratios(series: Series) -> None:
     make_attempt(series)  # 7 packets, 575 bytes, 9 s
-    chain, station = Chain(), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain = armed()
     measured(series, chain, [called(T0 - 500, 1, "arm", 1)], disarmed_s=4.5)
     ratios = measure_series(series)["ratios"]
     assert ratios == {"packets": round(3 / 7, 4), "size": round(3 * 86 / 575, 4), "mission": 0.5}
 
 
-def test_one_side_alone_has_no_ratio(series: Series) -> None:
-    make_attempt(series)
-    make_attempt(series, number=2, status="failed", reason="takeoff: drone 1: denied")
-    assert measure_series(series)["ratios"] == {}
-
-
 def test_what_a_drones_own_queue_dropped_shows_in_its_sequence_numbers(series: Series) -> None:
-    chain, station = Chain((1, 2)), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain = armed((1, 2))
     for drone, sequences in ((1, (254, 255, 2, 3)), (2, (7, 8, 9))):
         link = sender(drone)
         for number, sequence in enumerate(sequences):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from testbed.fly.results import Attempt, Series, new_series
 from testbed.numbers.metrics import measure_series
 from testbed.numbers.metrics.attempt import measure_attempt
 from testbed.numbers.packets import load
-from tests.handmade.attempts import SECOND, T0
+from tests.handmade.attempts import SECOND, T0, write_lines
 from tests.handmade.attempts import make_attempt as make_plain
 from tests.handmade.sensor_attempts import (
     CONNACK,
@@ -170,7 +169,7 @@ def test_what_a_sensor_sends_while_its_drone_is_far_is_lost_but_told_apart(serie
         {"t_ns": T0 + SECOND, **link, "change": {}},
         {"t_ns": T0 + 4 * SECOND, "link": "sense:uav1:up", "cause": "by hand", "change": {"closed": True}},
     ]
-    (attempt.path / "links" / "events.jsonl").write_text("".join(json.dumps(change) + "\n" for change in changes))
+    write_lines(attempt.path / "links" / "events.jsonl", changes)
     entry = entry_of(attempt)
     assert entry["links"]["sense:uav1:up"]["lost"] == 2
     assert entry["out_of_range"] == 1, "the other one was lost while the drone was near"

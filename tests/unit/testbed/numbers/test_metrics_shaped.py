@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,20 +13,36 @@ from mqttxt.protocol.messages import Presence
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery
 from mqttxt.protocol.values import Encoding
-from testbed.fly.results import Attempt, Series, new_series, write_json
+from testbed.fly.results import Attempt, Series, write_json
 from testbed.numbers.metrics import measure_series
-from tests.handmade.attempts import SECOND, T0, arm_command, called, frame, make_attempt, publish, write_pcap
-from tests.handmade.mavlink_attempts import HOP, MS, Chain, long_command, make_mavlink_attempt, packed, sender
+from tests.handmade.attempts import (
+    SECOND,
+    T0,
+    add_event,
+    arm_command,
+    called,
+    frame,
+    make_attempt,
+    publish,
+    write_lines,
+    write_only,
+    write_pcap,
+)
+from tests.handmade.mavlink_attempts import (
+    HOP,
+    MS,
+    armed,
+    long_command,
+    make_mavlink_attempt,
+    mission,
+    packed,
+    sender,
+)
 
 pytestmark = pytest.mark.long
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 BATTERY = common.MAVLink_battery_status_message(0, 1, 1, 300, [4000] * 10, 100, 1, 1, 90)
-
-
-@pytest.fixture
-def series(tmp_path: Path) -> Series:
-    return new_series(tmp_path, "scenario-1", "thesis", "lossy")
 
 
 def measured(series: Series, protocol: str = "mqttxt") -> dict[str, Any]:
@@ -41,7 +56,7 @@ def write_links(attempt: Attempt, **files: Any) -> None:
     folder.mkdir(exist_ok=True)
     for name, content in files.items():
         if isinstance(content, list):
-            (folder / f"{name}.jsonl").write_text("".join(json.dumps(line) + "\n" for line in content))
+            write_lines(folder / f"{name}.jsonl", content)
         else:
             write_json(folder / f"{name}.json", content)
 
@@ -49,12 +64,6 @@ def write_links(attempt: Attempt, **files: Any) -> None:
 def counters(void: str | None = None, **links: dict[str, int]) -> dict[str, Any]:
     named = {name.replace("_", ":"): {"entered": 9, "left": 8, **counts} for name, counts in links.items()}
     return {"version": 1, "shaper": "nfqueue", "profile": "lossy", "links": named, "late_ms": None, "void": void}
-
-
-def mission(chain: Chain, calls: list[dict[str, Any]], end_s: float = 10.0) -> list[dict[str, Any]]:
-    start = {"t_ns": T0 - SECOND, "event": "mission_start", "scenario": "scenario-1", "drones": list(chain.drones)}
-    end = {"t_ns": T0 + int(end_s * SECOND), "event": "mission_end", "status": "completed", "reason": None}
-    return [start, *calls, end]
 
 
 def test_without_a_shaper_the_cause_of_a_loss_is_unknown(series: Series) -> None:
@@ -121,8 +130,7 @@ def test_what_the_probes_lost_is_not_the_missions(series: Series) -> None:
 def test_a_shaper_that_did_not_keep_up_makes_both_attempts_of_the_number_void(series: Series) -> None:
     attempt = make_attempt(series)
     write_links(attempt, counters=counters("the emulator did not keep up: 31.0 ms late at p99"))
-    chain = Chain()
-    chain.send(T0, packed(sender(245, 190), long_command(400, 1, 1.0)), 1, up=False)
+    chain = armed()
     make_mavlink_attempt(series, 1, chain, mission(chain, [called(T0 - 500, 1, "arm", 1)]), 9.0)
     make_attempt(series, number=2)
     sides = measure_series(series)["protocols"]
@@ -130,16 +138,6 @@ def test_a_shaper_that_did_not_keep_up_makes_both_attempts_of_the_number_void(se
     assert sides["mqttxt"]["void"] == [{"attempt": 1, "reason": late}]
     assert sides["mavlink"]["void"] == [{"attempt": 1, "reason": "mqttxt was void in the same attempt"}]
     assert [one["attempt"] for one in sides["mqttxt"]["attempts"]] == [2]
-
-
-def test_an_attempt_that_failed_on_links_that_were_not_as_planned_is_void_and_says_both(series: Series) -> None:
-    attempt = make_attempt(series, status="failed", reason="arm: drone 3: unconfirmed (timeout)")
-    write_links(attempt, counters=counters("the emulator did not keep up: 31.0 ms late at p99"))
-    make_attempt(series, number=2)
-    (void,) = measure_series(series)["protocols"]["mqttxt"]["void"]
-    assert void["reason"] == (
-        "the emulator did not keep up: 31.0 ms late at p99; this one had failed: arm: drone 3: unconfirmed (timeout)"
-    )
 
 
 def test_what_the_probes_measured_and_what_changed_links_is_carried_over(series: Series) -> None:
@@ -188,10 +186,8 @@ def test_delays_by_the_applications_stand_beside_the_captures(series: Series) ->
     log = attempt.path / "sitl" / "uav1.jsonl"
     took = {"t_ns": T0 + 3 * MS, "event": "command", "command": 400, "params": [1.0], "arrived_ns": T0 + 2_699_500}
     log.write_text(json.dumps(took) + "\n" + log.read_text())
-    events = attempt.path / "events.jsonl"
-    lines = events.read_text().splitlines()
     heard = {"t_ns": T0 + 4 * SECOND + 3 * MS, "event": "state", "drone": 1, "name": "battery", "age_ms": 40}
-    events.write_text("\n".join([*lines[:-1], json.dumps(heard), lines[-1]]) + "\n")
+    add_event(attempt, heard)
     found = measured(series)
     assert found["delay_ms"] == {"arm": [2.5]}
     assert found["delay_app_ms"] == {"arm": [9.001]}
@@ -212,12 +208,8 @@ def test_each_message_kind_has_its_frames_size_and_what_its_acknowledgement_cost
     size = 54 + len(body)
     arrived = T0 + MS // 2
     bare = frame("cloud", "gs", b"", 30, (1883, 40_000))  # what the kernel answers the command with
-    gs, cloud = attempt.path / "pcap" / "gs.pcap", attempt.path / "pcap" / "cloud.pcap"
     command = frame("gs", "cloud", body, 1)
-    write_pcap(gs, [(T0, command), (arrived + MS, bare)])
-    write_pcap(cloud, [(arrived, command), (arrived + 100, bare)])
-    for node in ("fog1", "uav1"):
-        write_pcap(attempt.path / "pcap" / f"{node}.pcap", [])
+    write_only(attempt, gs=[(T0, command), (arrived + MS, bare)], cloud=[(arrived, command), (arrived + 100, bare)])
     found = measured(series)
     assert found["message_sizes"] == {
         "arm": {"n": 1, "mean": size, "min": size, "max": size, "share": size, "ack_bytes": 54.0}
@@ -233,8 +225,7 @@ def test_messages_that_share_a_frame_share_its_bytes(series: Series) -> None:
     attempt = make_attempt(series)
     one, other = publish("drone1/state/battery", b"\x01" * 10), publish("drone1/commands_result/arm", b"\x02" * 30)
     both = frame("uav1", "fog1", one + other, 1)
-    for node in ("gs", "cloud", "fog1", "uav1"):
-        write_pcap(attempt.path / "pcap" / f"{node}.pcap", [(T0, both)] if node == "uav1" else [])
+    write_only(attempt, uav1=[(T0, both)])
     found = measured(series)
     assert len(both) == 54 + len(one) + len(other)
     first = len(both) * len(one) // (len(one) + len(other))
@@ -248,8 +239,7 @@ def test_messages_that_share_a_frame_share_its_bytes(series: Series) -> None:
 
 
 def test_load_is_what_crosses_each_drones_air_link_second_by_second(series: Series) -> None:
-    chain, station = Chain((1, 4)), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain = armed((1, 4))
     for drone, at in ((1, SECOND), (1, SECOND + MS), (4, 3 * SECOND)):
         chain.send(T0 + at, packed(sender(drone), HEARTBEAT), drone, up=True)
     make_mavlink_attempt(series, 1, chain, mission(chain, [called(T0 - 500, 1, "arm", 1)]), 3.5)
@@ -266,9 +256,8 @@ def test_load_is_what_crosses_each_drones_air_link_second_by_second(series: Seri
 
 
 def test_messages_are_counted_by_name_and_drone(series: Series) -> None:
-    chain, station = Chain((1, 2)), sender(245, 190)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
-    chain.send(T0 + MS, packed(station, long_command(400, 2, 1.0)), 2, up=False, lost_on="uav2")
+    chain = armed((1, 2))
+    chain.send(T0 + MS, packed(sender(245, 190), long_command(400, 2, 1.0)), 2, up=False, lost_on="uav2")
     links = {drone: sender(drone) for drone in (1, 2)}
     for drone, lost_on in ((1, None), (1, "gs"), (2, None)):
         chain.send(T0 + SECOND, packed(links[drone], BATTERY), drone, up=True, lost_on=lost_on)
@@ -287,10 +276,7 @@ def test_messages_are_counted_by_name_and_drone(series: Series) -> None:
 
 def test_a_call_whose_command_stayed_in_the_senders_queue_is_lost(series: Series) -> None:
     attempt = make_attempt(series)
-    events = attempt.path / "events.jsonl"
-    asked = {"t_ns": T0 + SECOND, "event": "command", "call": 2, "command": "land", "fog": 1, "drone": None}
-    lines = events.read_text().splitlines()
-    events.write_text("\n".join([*lines[:-1], json.dumps(asked), lines[-1]]) + "\n")
+    add_event(attempt, called(T0 + SECOND, 2, "land"))
     found = measured(series)
     assert found["messages"]["commands"]["land"]["lost"] == 1
     assert (found["commands_sent"], found["message_loss"]["commands"]) == (2, 0.5)
@@ -298,8 +284,7 @@ def test_a_call_whose_command_stayed_in_the_senders_queue_is_lost(series: Series
 
 
 def test_a_state_that_was_under_way_when_the_captures_ended_is_open_and_not_lost(series: Series) -> None:
-    chain, station, drone = Chain(), sender(245, 190), sender(1)
-    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    chain, drone = armed(), sender(1)
     chain.send(T0 + SECOND, packed(drone, HEARTBEAT), 1, up=True)  # takes two and a half hops
     chain.send(T0 + 2 * SECOND, packed(drone, HEARTBEAT), 1, up=True, lost_on="gs")
     chain.send(T0 + 10 * SECOND - HOP, packed(drone, HEARTBEAT), 1, up=True, lost_on="cloud")

@@ -27,7 +27,7 @@ from testbed.numbers.packets.links import match
 from testbed.numbers.packets.mavlink import find_messages
 from testbed.numbers.packets.purposes import of_messages
 from tests.examples import examples
-from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish, write_pcap
+from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish, write_only, write_pcap
 from tests.handmade.mavlink_attempts import (
     HOP,
     MS,
@@ -39,16 +39,13 @@ from tests.handmade.mavlink_attempts import (
     sender,
     udp_frame,
 )
+from tests.handmade.packets_tables import rows
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 
 
 def table_of(series: Series, chain: Chain, mac: bool = True) -> Packets:
     return load(make_mavlink_attempt(series, 1, chain, [], 1.0, mac))
-
-
-def rows(table: pl.DataFrame, *names: str) -> list[tuple[Any, ...]]:
-    return table.select(names).rows()
 
 
 def test_a_message_is_seen_on_each_link_of_its_way(series: Series) -> None:
@@ -202,10 +199,7 @@ def test_aliases_segments_and_connections_are_those_of_one_direction(series: Ser
         (T0 + MS, frame("gs", "cloud", data[7:], 2, sequence=107)),
         (T0 + 2 * MS, frame("cloud", "gs", b"\x40\x02\x00\x01", 3, (1883, 40_000))),
     ]
-    write_pcap(attempt.path / "pcap" / "gs.pcap", [entry for entry in frames if entry[0] < T0 + 2 * MS])
-    write_pcap(attempt.path / "pcap" / "cloud.pcap", [(t + MS // 2, data) for t, data in frames])
-    for node in ("fog1", "uav1"):
-        write_pcap(attempt.path / "pcap" / f"{node}.pcap", [])
+    write_only(attempt, gs=frames[:2], cloud=[(t + MS // 2, data) for t, data in frames])
     found = load(attempt)
     assert rows(found.frames, "link", "protocol_bytes", "payload", "messages", "kind") == [
         ("wan:gs:up", 7, 0, 1, "publish"),

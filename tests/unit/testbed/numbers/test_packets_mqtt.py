@@ -8,15 +8,7 @@ from hypothesis import strategies as st
 from testbed.numbers.packets.mqtt import Segment, read_direction
 from testbed.numbers.packets.streams import runs
 from tests.handmade.attempts import publish
-
-
-def stream(*bodies: bytes, first: int = 1000) -> list[Segment]:
-    """Segments that follow each other; frame n leaves its link at n."""
-    found, sequence = [], first
-    for row, body in enumerate(bodies):
-        found.append(Segment(row, row, sequence % 2**32, False, body))
-        sequence += len(body)
-    return found
+from tests.handmade.packets_tables import stream
 
 
 def again(segments: list[Segment], row: int, left_ns: int | None) -> Segment:

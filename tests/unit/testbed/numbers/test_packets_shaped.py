@@ -2,43 +2,29 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import polars as pl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from testbed.fly.results import Series, new_series
+from testbed.fly.results import Series
 from testbed.numbers.packets import Packets, load
 from testbed.numbers.packets.mqtt import Segment
 from testbed.numbers.packets.purposes import of_topic
 from testbed.numbers.packets.tcp import retransmissions
-from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish, write_pcap
+from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish, write_only, write_pcap
 from tests.handmade.mavlink_attempts import HOP, MS, Chain, make_mavlink_attempt, packed, sender
+from tests.handmade.packets_tables import rows
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
-
-
-@pytest.fixture
-def series(tmp_path: Path) -> Series:
-    return new_series(tmp_path, "scenario-1", "thesis", "lossy")
 
 
 def one_link(series: Series, entered: list[tuple[int, bytes]], left: list[tuple[int, bytes]]) -> Packets:
     """The table of what entered wan:gs:up at gs and what left it at the cloud; the mission ends ten seconds later."""
     attempt = make_attempt(series)
-    for node in ("fog1", "uav1"):
-        write_pcap(attempt.path / "pcap" / f"{node}.pcap", [])
-    write_pcap(attempt.path / "pcap" / "gs.pcap", entered)
-    write_pcap(attempt.path / "pcap" / "cloud.pcap", left)
+    write_only(attempt, gs=entered, cloud=left)
     return load(attempt)
-
-
-def rows(table: pl.DataFrame, *names: str) -> list[tuple[Any, ...]]:
-    return table.select(names).rows()
 
 
 def test_the_first_copy_counts_and_further_ones_are_no_frames_of_their_own(series: Series) -> None:
@@ -179,10 +165,6 @@ def test_a_repeated_opening_is_a_retransmission_and_a_new_connection_is_none() -
     first = [segment(0, 0, b"", arrives=False, syn=True), segment(1, 0, b"", syn=True), segment(2, 1, b"x" * 30)]
     later = [segment(3, 900, b"", syn=True), segment(4, 901, b"y")]
     assert retransmissions(first + later) == {1: "needed"}
-
-
-def test_numbers_that_wrap_do_not_look_like_repetitions() -> None:
-    assert retransmissions([segment(n, 10 * n, b"x" * 10) for n in range(6)]) == {}
 
 
 def test_a_repetition_that_is_cut_otherwise_is_needless_only_if_all_of_it_had_arrived() -> None:

@@ -18,6 +18,7 @@ from testbed.numbers.packets.mqtt import Direction, randoms_of, read_tls_directi
 from testbed.numbers.packets.streams import Segment
 from testbed.numbers.packets.tls import Secrets, read_key_log
 from tests.handmade.attempts import publish
+from tests.handmade.packets_tables import stream
 
 FIRST, SECOND = publish("a/b", b"12345", qos=1), publish("c", b"6")
 RECORD = 22
@@ -71,14 +72,6 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     return Session(secrets, *said)
 
 
-def stream(bodies: list[bytes]) -> list[Segment]:
-    found, sequence = [], 1000
-    for row, body in enumerate(bodies):
-        found.append(Segment(row, row, sequence, False, body))
-        sequence += len(body)
-    return found
-
-
 def said(found: Direction) -> list[tuple[str | None, bytes | None]]:
     return [(packet.topic, packet.payload) for packet in found.packets]
 
@@ -88,14 +81,14 @@ BOTH = [("a/b", b"12345"), ("c", b"6")]
 
 def test_both_directions_are_read_with_the_keys_of_the_client(session: Session) -> None:
     for bodies in (session.client, session.broker):
-        found = read_tls_direction(stream(bodies), [session.secrets])
+        found = read_tls_direction(stream(*bodies), [session.secrets])
         assert (said(found), found.is_unread) == (BOTH, False)
-    assert list(map(len, randoms_of(stream(session.client)))) == [32]
-    assert randoms_of(stream(session.broker)) == []
+    assert list(map(len, randoms_of(stream(*session.client)))) == [32]
+    assert randoms_of(stream(*session.broker)) == []
 
 
 def test_of_a_frame_mqtt_tls_and_payload_are_counted_apart(session: Session) -> None:
-    found = read_tls_direction(stream(session.client), [session.secrets])
+    found = read_tls_direction(stream(*session.client), [session.secrets])
     first, second = len(session.client) - 2, len(session.client) - 1
     assert [found.packets[0].row, found.packets[1].row] == [first, second]
     assert (found.packets[0].size, found.packets[1].size) == (len(FIRST), len(SECOND))
@@ -109,7 +102,7 @@ def test_a_message_has_left_with_the_last_byte_of_its_record(session: Session) -
     *handshake, first, second = session.client
     cut = len(first) - 3  # within the tag: all of the message is there, and cannot be read
     bodies = [*handshake, first[:3], first[3:cut], first[cut:] + second[:7], second[7:]]
-    found = read_tls_direction(stream(bodies), [session.secrets])
+    found = read_tls_direction(stream(*bodies), [session.secrets])
     header, body, tag, rest = range(len(handshake), len(handshake) + 4)
     assert said(found) == BOTH
     assert [(p.row, p.left_ns) for p in found.packets] == [(body, tag), (tag, rest)]
@@ -118,21 +111,21 @@ def test_a_message_has_left_with_the_last_byte_of_its_record(session: Session) -
     }
     lost = [
         segment if segment.row != tag else Segment(tag, None, segment.sequence, False, segment.body)
-        for segment in stream(bodies)
+        for segment in stream(*bodies)
     ]
     assert [p.left_ns for p in read_tls_direction(lost, [session.secrets]).packets] == [None, None]
 
 
 def test_what_no_key_opens_is_unread_and_never_nothing(session: Session) -> None:
     for wrong in ([], [{}], [{label: bytes(48) for label in session.secrets}]):
-        found = read_tls_direction(stream(session.client), wrong)
+        found = read_tls_direction(stream(*session.client), wrong)
         assert (found.packets, found.is_unread) == ([], True)
     early = {label: secret for label, secret in session.secrets.items() if "HANDSHAKE" in label}
-    assert read_tls_direction(stream(session.client), [early]).is_unread
+    assert read_tls_direction(stream(*session.client), [early]).is_unread
 
 
 def test_behind_a_gap_nothing_is_read_and_that_is_said(session: Session) -> None:
-    segments = stream(session.client)
+    segments = stream(*session.client)
     found = read_tls_direction([*segments[:-2], segments[-1]], [session.secrets])
     assert (found.packets, found.is_unread) == ([], True)
     assert read_tls_direction(segments[-1:], [session.secrets]).is_unread
@@ -140,7 +133,7 @@ def test_behind_a_gap_nothing_is_read_and_that_is_said(session: Session) -> None
 
 def test_a_connection_that_ends_within_a_record_is_read_up_to_it(session: Session) -> None:
     bodies = [*session.client[:-1], session.client[-1][:-1]]
-    found = read_tls_direction(stream(bodies), [session.secrets])
+    found = read_tls_direction(stream(*bodies), [session.secrets])
     assert (said(found), found.is_unread) == (BOTH[:1], False)
 
 

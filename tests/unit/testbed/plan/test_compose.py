@@ -14,7 +14,7 @@ from testbed.fly.containers import services_of
 from testbed.plan.compose import COMPOSE_FILE, compose_text, laid_over, read_services
 from testbed.plan.experiments import PROTOCOLS
 from testbed.plan.fleet import Fleet
-from testbed.plan.fleets import fleet_of, standard_fleet
+from testbed.plan.fleets import fleet_of
 from testbed.plan.overrides import OVERRIDES, files_of_standard_fleet
 from testbed.plan.sensors import sensor_settings
 
@@ -203,10 +203,6 @@ def test_what_is_laid_over_changes_the_same_of_each_drone_of_another_fleet(fleet
     drones = [f"sitl{drone}" for drone in fleet.fog_of]
     assert list(changed) == (drones if "sitl" in str(path) else [f"router-{node}" for node in fleet.nodes()])
     assert all(one == change for one in changed.values())
-
-
-def test_the_experiments_fleet_has_two_fogs_with_three_drones_each() -> None:
-    assert standard_fleet().flown == "1:1,2,3;2:4,5,6"
 
 
 @pytest.mark.parametrize("text", ["", "[", "networks: {}"])

@@ -28,29 +28,10 @@ def _plan(arm: str = "thesis", **factors: str) -> Plan:
     return make_plan("scenario-1", arm=arm, overrides=factors)
 
 
-def test_a_good_plan() -> None:
-    plan = make_plan(**GOOD)
-    assert (plan.attempts, plan.factors.qos, plan.protocols) == (2, 0, ("mqttxt",))
-
-
 def test_without_a_word_both_protocols_fly_the_thesis_once() -> None:
     plan = make_plan("scenario-1")
     assert (plan.attempts, plan.protocols, plan.label) == (1, ("mqttxt", "mavlink"), "thesis")
     assert plan.factors == Factors("px4-onboard", "one-by-one", 0, "per-uav", "on-change")
-
-
-@pytest.mark.parametrize(
-    ("arm", "factors"),
-    [
-        ("thesis-concurrent", Factors("px4-onboard", "concurrent", 0, "per-uav", "on-change")),
-        ("five-states", Factors("five-states", "concurrent", 1, "shared", "fixed")),
-        ("five-states-bundled", Factors("five-states", "concurrent", 1, "shared", "bundle")),
-        ("gateway", Factors("px4-gcs", "concurrent", 1, "shared", "on-change", station="mavsdk")),
-        ("direct", Factors("px4-onboard", "concurrent", 1, "direct", "on-change")),
-    ],
-)
-def test_an_arm_sets_every_factor(arm: str, factors: Factors) -> None:
-    assert _plan(arm).factors == factors
 
 
 def test_every_arm_uses_values_that_one_could_type() -> None:
@@ -200,14 +181,6 @@ def test_another_fleet_is_flown_with_its_own_file_and_fogs() -> None:
     assert "watch --fog 1 --fog 2 --fog 3" in by_hand(plan, "mqttxt", str)
 
 
-def test_the_message_set_of_another_fleet_has_one_drone() -> None:
-    plan = make_plan("messages", fleet=fleet_of({"FOGS": "3", "DRONES": "9"}))
-    command = mission_command(plan, "mqttxt")
-    assert command[command.index("--fleet") + 1] == "1:1"
-    assert command[command.index("--control") + 1] == "/run-dir/sitl/uav1.sock"
-    assert settings_of(plan, "mqttxt")["ONLY_FLAG"] == "--only 1"
-
-
 @pytest.mark.parametrize(("chain", "host"), [("per-uav", "127.0.0.1"), ("direct", "0.0.0.0")])
 def test_mavsdk_listens_on_a_port_for_each_drone_unless_they_share_a_chain(chain: str, host: str) -> None:
     command = mission_command(_plan(chain=chain), "mavlink")
@@ -275,11 +248,6 @@ def test_one_fleet_can_be_up_at_a_time() -> None:
         one_protocol("mqttxt,mavlink")
 
 
-def test_an_unknown_encoding_is_named() -> None:
-    with pytest.raises(UserError, match="ENCODING=xml: expected one of cbor, json"):
-        settings_of(make_plan(**GOOD), "mqttxt", "xml")
-
-
 @pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
 def test_sensors_are_told_of_only_where_they_are_flown_to(protocol: str) -> None:
     without, flown = make_plan("scenario-2", samples="7"), make_plan("scenario-4", samples="7")
@@ -290,8 +258,9 @@ def test_sensors_are_told_of_only_where_they_are_flown_to(protocol: str) -> None
     assert words[words.index("--samples") + 1] == "7"
 
 
-def test_the_message_set_is_flown_by_one_drone_whose_autopilot_can_be_put_back() -> None:
-    plan = make_plan("messages", count="7")
+@pytest.mark.parametrize("size", [{}, {"FOGS": "3", "DRONES": "9"}], ids=["the experiments' fleet", "another fleet"])
+def test_the_message_set_is_flown_by_one_drone_whose_autopilot_can_be_put_back(size: dict[str, str]) -> None:
+    plan = make_plan("messages", count="7", fleet=fleet_of(size))
     assert profile_of(plan, "mavlink") == "mavlink-one"
     settings = settings_of(plan, "mavlink")
     assert (settings["ONLY_FLAG"], settings["CONTROL_DIR"]) == ("--only 1", "/run-dir/sitl")

@@ -78,7 +78,3 @@ def test_the_routers_of_ten_drones_have_ids_that_are_easy_to_read_and_of_more_id
     assert last.routers("gs", shared=False)[0].endswith("--hb-systemid=49")
     assert last.routers("uav48", shared=False)[0].endswith("--hb-systemid=240")
     assert not fleet_of({"DRONES": "49"}).has_routers
-
-
-def test_the_message_set_has_the_first_drone_of_the_first_fog(large: Fleet) -> None:
-    assert large.one == {1: (1,)}

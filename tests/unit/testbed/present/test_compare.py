@@ -16,6 +16,8 @@ from testbed.present.report.compare_page import print_comparison, write_comparis
 from tests.handmade.both_sides import entry, failed, make_series
 from tests.handmade.pages import sketched_papers
 
+BOTH = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
+
 
 def result(name: str, folder: Path, *entries: tuple[str, dict[str, Any]], **changed: Any) -> compare.Result:
     """A series whose manifests have what is `changed`; so has `configuration`."""
@@ -33,7 +35,7 @@ def result(name: str, folder: Path, *entries: tuple[str, dict[str, Any]], **chan
 
 @pytest.fixture
 def first(tmp_path: Path) -> compare.Result:
-    return result("A", tmp_path, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")))
+    return result("A", tmp_path, *BOTH)
 
 
 def test_the_same_way_of_flying_is_said(tmp_path: Path, first: compare.Result) -> None:
@@ -45,11 +47,10 @@ def test_the_same_way_of_flying_is_said(tmp_path: Path, first: compare.Result) -
 
 
 def test_one_factor_is_named_and_several_cannot_be_told_apart(tmp_path: Path, first: compare.Result) -> None:
-    entries = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
-    one = result("B", tmp_path, *entries, configuration={"commanding": "concurrent"})
+    one = result("B", tmp_path, *BOTH, configuration={"commanding": "concurrent"})
     assert compare.sentences(first, one)[0] == "They differ in commanding."
     assert not any("do not show what made the numbers differ" in said for said in compare.sentences(first, one))
-    several = result("C", tmp_path, *entries, profile="lte", shaper="netem", configuration={"qos": 1})
+    several = result("C", tmp_path, *BOTH, profile="lte", shaper="netem", configuration={"qos": 1})
     said = compare.sentences(first, several)
     assert said[0] == "They differ in profile, shaper and qos."
     assert "do not show what made the numbers differ" in said[-1]
@@ -59,11 +60,10 @@ def test_another_fleet_is_named_with_the_drones_of_each_fog(tmp_path: Path, firs
     fogs = {"fog2": ("uav7", "uav1"), "fog5": ("uav3",)}
     links = [{"name": f"air:{uav}", "lower": uav, "upper": fog} for fog, uavs in fogs.items() for uav in uavs]
     links.append({"name": "wan:gs", "lower": "gs", "upper": "cloud"})
-    entries = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
     names = ("gs", "cloud", *fogs, *(uav for uavs in fogs.values() for uav in uavs))
     nodes = [{"name": name, "address": f"198.18.{place}.3"} for place, name in enumerate(names)]
     size = {"fogs": 2, "drones": 3}
-    other = result("B", tmp_path, *entries, configuration=size, topology={"nodes": nodes, "links": links})
+    other = result("B", tmp_path, *BOTH, configuration=size, topology={"nodes": nodes, "links": links})
     assert compare.sentences(first, other)[0] == "They differ in fleet."
     fleet = next(c for c in compare.conditions(first, other) if c.name == "fleet")
     assert fleet.second == "three drones on two fogs (2, 1)"
@@ -73,15 +73,14 @@ def test_another_fleet_is_named_with_the_drones_of_each_fog(tmp_path: Path, firs
 
 def test_revisions_are_never_mixed_unsaid(tmp_path: Path, first: compare.Result) -> None:
     revision = {"commit": "decaf", "dirty": True}
-    other = result("B", tmp_path, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")), revision=revision)
+    other = result("B", tmp_path, *BOTH, revision=revision)
     assert compare.sentences(first, other)[0] == "They differ in revision."
     found = next(c for c in compare.conditions(first, other) if c.name == "revision")
     assert (found.first, found.second) == ("c0ffee", "decaf with changes")
 
 
 def test_another_experiment_does_not_compare(tmp_path: Path, first: compare.Result) -> None:
-    entries = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
-    other = result("B", tmp_path, *entries, experiment="scenario-3")
+    other = result("B", tmp_path, *BOTH, experiment="scenario-3")
     assert "These are different experiments, so their totals do not compare." in compare.sentences(first, other)
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from testbed.fly.results import Series, new_series
 from testbed.numbers.quantity import Figure as Quantity
+from testbed.present.report.details import Measured
 from testbed.present.report.figures import attempts, axes, delays, files, losses, parts, sizes, topology, traffic
 from testbed.present.report.figures.draw import NARROW, WIDE, Drawing, svg
 from testbed.present.report.figures.figure import Figure
@@ -144,12 +145,12 @@ def test_a_failed_attempt_is_a_cross_and_never_a_time() -> None:
 
 
 def test_the_topology_has_a_place_for_every_node_and_says_what_was_measured() -> None:
-    way = topology.Way(*(topology.Quantity(*pair) for pair in ((25.0, 25.2), (None, None), (0.01, 0.0))))
+    way = {"delay_ms": Measured(25.0, 25.2, None), "loss": Measured(0.01, 0.0, None)}
     links = [
-        topology.Link("wan:gs", "gs", "cloud", way, None),
-        topology.Link("backhaul:fog1", "fog1", "cloud", None, None),
-        topology.Link("air:uav1", "uav1", "fog1", None, None),
-        topology.Link("sense:uav1", "sensor1", "uav1", None, None),
+        topology.Link("wan:gs", "gs", "cloud", way, {}),
+        topology.Link("backhaul:fog1", "fog1", "cloud", {}, {}),
+        topology.Link("air:uav1", "uav1", "fog1", {}, {}),
+        topology.Link("sense:uav1", "sensor1", "uav1", {}, {}),
     ]
     figure = topology.topology(links, "lte", "netem")
     assert figure is not None

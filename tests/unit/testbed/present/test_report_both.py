@@ -11,7 +11,7 @@ from testbed.present.report import comparison, details, factors, sentences
 from testbed.present.report.attempt_page import with_losses
 from testbed.present.report.html import write_report
 from tests.handmade.both_sides import entry, failed, make_series, messages, rich_entry
-from tests.handmade.pages import page_of, terminal_of
+from tests.handmade.pages import cells_of, page_of, terminal_of
 
 ROUTER_DIED = "router-fog1 ended with exit code 1; its last log lines:\n    chain of uav2: mavp2p <ended>"
 
@@ -37,20 +37,13 @@ def test_a_mission_that_takes_as_long_is_said_so(series: Series) -> None:
     )
 
 
-def test_what_was_lost_is_said_in_the_finding(series: Series) -> None:
-    lossy = entry("mavlink", messages=messages(18, 65_000, states_lost=8_060), delay_ms={})
+@pytest.mark.parametrize(("lost", "share"), [(8_060, "12 %"), (130, "0.2 %")])
+def test_what_was_lost_is_said_in_the_finding(series: Series, lost: int, share: str) -> None:
+    lossy = entry("mavlink", messages=messages(18, 65_000, states_lost=lost), delay_ms={})
     metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", lossy))
     assert str(sentences.basis(metrics)).startswith(
         "MQTT-XT took 36.5 s, 1,700 packets and 146 kB. "
-        "States lost: 12 % of 65,000 over MAVLink, 0 of 225 (< 1.3 %) over MQTT-XT. Six drones"
-    )
-
-
-def test_a_loss_of_less_than_one_percent_is_said_as_well(series: Series) -> None:
-    lossy = entry("mavlink", messages=messages(18, 65_000, states_lost=130))
-    metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", lossy))
-    assert "States lost: 0.2 % of 65,000 over MAVLink, 0 of 225 (< 1.3 %) over MQTT-XT." in str(
-        sentences.basis(metrics)
+        f"States lost: {share} of 65,000 over MAVLink, 0 of 225 (< 1.3 %) over MQTT-XT. Six drones"
     )
 
 
@@ -173,20 +166,20 @@ def test_the_message_mix_is_ordered_by_bytes_and_summed(series: Series) -> None:
     assert ["ODOMETRY", "10,836", "30.0", "2.94 MB", "271 B", "37 %", ""] in page.rows
     assert "65,377 messages of 4 kinds, 181 a second from each drone" in page.sections["mix"]
     assert ["COMMAND_LONG 400", "6", "498 B"] in page.rows
-    assert ["ODOMETRY", "10,836", "30.0", "2.94 MB", "271 B", "37 %"] in _cells(terminal_of(series, metrics))
+    assert ["ODOMETRY", "10,836", "30.0", "2.94 MB", "271 B", "37 %"] in cells_of(terminal_of(series, metrics))
 
 
 def test_nothing_is_broken_over_lines_on_a_terminal_of_80_columns(series: Series) -> None:
     metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")))
     shown = terminal_of(series, metrics, width=80)
-    assert ["frames lost", "0 of 1,700 (< 0.18 %)", "0 of 450,500 (< 0.00067 %)", "–"] in _cells(shown)
-    assert ["air:uav6", "94 / 94", "8.11 kB / 8.11 kB", "0"] in _cells(shown)
-    assert ["air:uav6", "25,027 / 25,027", "2.34 MB / 2.34 MB", "0"] in _cells(shown)
+    assert ["frames lost", "0 of 1,700 (< 0.18 %)", "0 of 450,500 (< 0.00067 %)", "–"] in cells_of(shown)
+    assert ["air:uav6", "94 / 94", "8.11 kB / 8.11 kB", "0"] in cells_of(shown)
+    assert ["air:uav6", "25,027 / 25,027", "2.34 MB / 2.34 MB", "0"] in cells_of(shown)
 
 
 def test_the_terminal_sets_links_and_the_thesis_beside_what_was_measured(series: Series) -> None:
     metrics = make_series(series, ("mqttxt", rich_entry("mqttxt")), ("mavlink", rich_entry("mavlink")))
-    shown = _cells(terminal_of(series, metrics, width=80))
+    shown = cells_of(terminal_of(series, metrics, width=80))
     assert ["air up", "25 ms", "25 ms", "1.45 Mbit/s", "1.45 Mbit/s", "1 %", "1.1 %"] in shown
     assert ["packets", "1,700", "7,716", "450,500", "512,827", "265×", "66×"] in shown
 
@@ -320,7 +313,3 @@ def test_changed_factors_are_read_from_the_manifest() -> None:
     assert factors.deviations(changed, "five-states-bundled") == [("streams", "px4-gcs"), ("qos", "0")]
     assert factors.deviations(own, "five-states-bundled") == []
     assert factors.deviations(own, "an arm of old") == []
-
-
-def _cells(shown: str) -> list[list[str]]:
-    return [re.split(r" {2,}", line.strip()) for line in shown.splitlines()]

@@ -5,12 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import re
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
 
 from testbed.fly.results import Series, new_series, write_json
 from testbed.numbers.metrics import measure_series
@@ -18,10 +16,10 @@ from testbed.present.report import compare, message_sentences, message_set, sent
 from testbed.present.report.compare import result_of
 from testbed.present.report.compare_page import write_comparison
 from testbed.present.report.figures.draw import NARROW, WIDE
-from testbed.present.report.figures.kind_delays import GROUPS, MOST_DOTS, kind_delays, series_of
+from testbed.present.report.figures.kind_delays import GROUPS, MOST_DOTS, delays_of, kind_delays
 from testbed.present.report.figures.kind_ratios import Ratio, kind_ratios
 from testbed.present.report.html import write_report
-from testbed.present.report.terminal import print_summary
+from tests.handmade.attempts import write_lines
 from tests.handmade.message_attempts import (
     COMMANDS,
     STATES,
@@ -30,7 +28,7 @@ from tests.handmade.message_attempts import (
     make_mqttxt_messages,
     message_events,
 )
-from tests.handmade.pages import Page, sketched_papers
+from tests.handmade.pages import Page, sketched_papers, terminal_of
 
 Metrics = dict[str, Any]
 
@@ -100,7 +98,7 @@ def test_one_side_alone_is_told_without_ratios(tmp_path: Path) -> None:
     assert all(row.ratio("alone", "packets") is None for row in message_set.rows(metrics))
     text = write_report(alone, metrics).read_text()
     assert "MAVLink / MQTT-XT" not in Page(text).sections["kinds"]
-    _terminal(alone, metrics)
+    terminal_of(alone, metrics)
 
 
 def test_the_page_has_both_tables_with_the_thesis_beside_and_its_caveats(page: str) -> None:
@@ -150,7 +148,7 @@ def test_the_figures_data_have_what_was_lost_in_its_place(series: Series, page: 
 def test_many_messages_are_drawn_in_groups_and_stay_one_by_one_in_the_data(width: float) -> None:
     delays = [float(number % 7 + 1) if number % 10 else None for number in range(MOST_DOTS * 5)]
     attempt = {"attempt": 1, "message_set": {"location": {"delay_ms": delays}}}
-    figure = kind_delays(series_of({"mavlink": [attempt]}, ("location",)))
+    figure = kind_delays(delays_of({"mavlink": [attempt]}, ("location",)))
     assert figure is not None
     assert len(figure.rows) == len(delays)
     dots = [mark for mark in figure.draw(width).marks if type(mark).__name__ == "Dot"]
@@ -159,12 +157,12 @@ def test_many_messages_are_drawn_in_groups_and_stay_one_by_one_in_the_data(width
 
 
 def test_nothing_that_arrived_draws_nothing() -> None:
-    assert kind_delays(series_of({"mavlink": [{"attempt": 1, "message_set": None}]}, ("arm",))) is None
+    assert kind_delays(delays_of({"mavlink": [{"attempt": 1, "message_set": None}]}, ("arm",))) is None
     assert kind_ratios({"arm": dict.fromkeys(("packets", "bytes"), Ratio(None, None, 3.0))}) is None
 
 
 def test_the_terminal_fits_eighty_columns(series: Series, metrics: Metrics) -> None:
-    shown = _terminal(series, metrics)
+    shown = terminal_of(series, metrics, width=80)
     tables = shown[shown.index("for one message") : shown.index("MAVLink, takeoff: 1 of 2")]
     assert max(len(line.rstrip()) for line in tables.splitlines()) <= 80
     assert re.search(r"land +12\.0 +863 B +9\.00 +696 B +0\.75× +0\.81× +3\.5×", tables)
@@ -174,12 +172,6 @@ def test_the_terminal_fits_eighty_columns(series: Series, metrics: Metrics) -> N
 def test_how_the_one_drone_is_commanded_is_not_said(page: str) -> None:
     assert "commanded one after the other" not in page
     assert "broadcast a fog" not in page
-
-
-def _terminal(series: Series, metrics: Metrics) -> str:
-    console = Console(file=StringIO(), width=80)
-    print_summary(series, metrics, console)
-    return console.file.getvalue()  # type: ignore[attr-defined, no-any-return]
 
 
 def test_two_message_sets_are_compared_for_one_message(series: Series, metrics: Metrics, tmp_path: Path) -> None:
@@ -200,11 +192,11 @@ def test_a_message_set_that_broke_off_says_how_far_it_came(tmp_path: Path) -> No
     broken = new_series(tmp_path, "messages", "thesis", "ideal")
     attempt = make_mqttxt_messages(broken)
     events = [event for event in message_events() if event["t_ns"] < call_times("land")[0]]
-    (attempt.path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    write_lines(attempt.path / "events.jsonl", events)
     write_json(attempt.path / "manifest.json", attempt.manifest() | {"status": "failed", "reason": "arm: nothing came"})
     metrics = measure_series(broken)
     assert list(metrics["protocols"]["mqttxt"]["attempts"][0]["message_set"]) == ["arm", "takeoff", "land"]
     text = write_report(broken, metrics).read_text()
     assert "Done before: arm, takeoff. It ended in the step land." in text
     assert "kinds" not in Page(text).sections
-    assert "Over MQTT-XT the only attempt failed (arm: nothing came)" in _terminal(broken, metrics)
+    assert "Over MQTT-XT the only attempt failed (arm: nothing came)" in terminal_of(broken, metrics)
