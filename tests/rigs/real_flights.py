@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -26,6 +27,7 @@ from tests.rigs.processes import Broker, Process, eventually, free_port, wait_un
 
 SYSTEM = 7
 HOME = (47.397742, 8.545594, 488.0)
+STEADY_S = 5.0
 _WATCHED = (
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
@@ -72,6 +74,7 @@ class Pilot(ABC):
         self._parser.robust_parsing = True
         self.latest: dict[str, Any] = {}
         self.highest_m = 0.0
+        self._would_not_arm_at = 0.0
         self._ended = False
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -134,7 +137,12 @@ class Pilot(ABC):
     @property
     def would_arm(self) -> bool:
         """Whether the autopilot reports that it would arm."""
-        return bool(self.latest["SYS_STATUS"].onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+        return _would_arm(self.latest["SYS_STATUS"])
+
+    @property
+    def would_still_arm(self) -> bool:
+        """Whether it has reported so for STEADY_S."""
+        return self.would_arm and time.monotonic() - self._would_not_arm_at > STEADY_S
 
     @property
     def landed(self) -> bool:
@@ -167,6 +175,12 @@ class Pilot(ABC):
                 self.latest[message.get_type()] = message
                 if message.get_type() == "GLOBAL_POSITION_INT":
                     self.highest_m = max(self.highest_m, message.relative_alt / 1000)
+                if message.get_type() == "SYS_STATUS" and not _would_arm(message):
+                    self._would_not_arm_at = time.monotonic()
+
+
+def _would_arm(status: mavlink.MAVLink_sys_status_message) -> bool:
+    return bool(status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
 
 
 class Flight:
@@ -241,10 +255,10 @@ class Flight:
 
     async def _have_an_autopilot_that_would_arm(self) -> None:
         """Restart an autopilot that would not arm: PX4 may reject its GNSS for good after a flight ("GPS Vertical Pos
-        Drift too high").
+        Drift too high"). For a moment PX4 1.15 would not arm some seconds after a flight ("Yaw estimate error").
         """
         try:
-            await eventually(lambda: self.pilot.would_arm, "the autopilot would arm", BOOT_S / 2)
+            await eventually(lambda: self.pilot.would_still_arm, "the autopilot would arm", BOOT_S / 2)
         except AssertionError:
             self.autopilot.kill()
             await asyncio.to_thread(self.start_autopilot)
