@@ -291,8 +291,8 @@ def _targets(found: Findings) -> Iterator[list[str]]:
     states = [(lost_of(STATES_LOST, found.attempts("mqttxt", arm, "thesis")), arm) for arm in (FIVE, BUNDLED)]
     yield [commands.counts, *(text for lost, arm in states for text in (lost.counts, f"`{arm}`"))]
     yield [text for arm in (PX4, FIVE, BUNDLED) for text in (found.one(arm, "lte", "delay ratio"), f"`{arm}`")]
-    alone, _ = found.both(PX4, "ideal", "mission")
-    yield [f"Scenario 1 takes {alone}"]
+    alone, _ = found.both("direct", "ideal", "mission")
+    yield ["`direct`", f"scenario 1 takes {alone}"]
 
 
 def _less_on_the_wire(found: Findings) -> Iterator[list[str]]:
