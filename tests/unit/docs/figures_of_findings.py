@@ -296,13 +296,14 @@ def _targets(found: Findings) -> Iterator[list[str]]:
 
 
 def _less_on_the_wire(found: Findings) -> Iterator[list[str]]:
-    """MQTT-XT's bytes for commands over MAVLink's, by TCP and by MQTT-SN; the longest delay of a state by either."""
+    """The table's rows that rest on series that are kept."""
     lte = (_command_ratio(found, arm, "lte") for arm in (BUNDLED, f"{BUNDLED}+air-sn"))
     yield [f"{next(lte):.1f}", f"{next(lte):.2f}"]
     yield ["on `lossy`", f"{_command_ratio(found, BUNDLED, 'lossy'):.1f}"]
     lost = lost_of(STATES_LOST, found.attempts("mqttxt", f"{FIVE}+air-sn", "lossy"))
     longest = (_longest_ms(found, arm) for arm in (FIVE, f"{FIVE}+air-sn"))
     yield [lost.brief, *map(words.milliseconds, longest)]
+    yield ["median command on `ideal`", *found.both(PX4, "ideal", "delay")]
 
 
 def _command_ratio(found: Findings, arm: str, profile: str) -> float:
