@@ -10,13 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from .processors import STAT, read_ticks
+
 WINDOW_S = 2.0
 """The length of one observation."""
 LEAST_IDLE = 0.6
 """The share of the processors' time that must be idle."""
 LIMIT_S = 300.0
 """The longest wait; then the attempt is flown anyway."""
-STAT = Path("/proc/stat")
 
 
 @dataclass(frozen=True)
@@ -50,11 +51,10 @@ def wait_for_quiet(
 
 
 def processor_times(path: Path = STAT) -> tuple[int, int]:
-    """Idle and total time of all processors since boot, in the kernel's ticks (proc_stat(5)); Linux only.
+    """Idle and total time of all processors since boot, in the kernel's ticks; Linux only.
 
     Processes with a nice value above 0, which give way to others, count as idle; time that a hypervisor gave to other
     machines counts as busy.
     """
-    first, _, _ = path.read_text(encoding="ascii").partition("\n")
-    user, nice, system, idle, iowait, irq, softirq, steal, *_ = map(int, first.split()[1:])
-    return nice + idle + iowait, user + nice + system + idle + iowait + irq + softirq + steal
+    ticks = read_ticks(path)
+    return ticks.nice + ticks.idle + ticks.iowait, sum(ticks)

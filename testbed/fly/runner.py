@@ -27,8 +27,8 @@ from .flights import mission_command, profile_of, remove_sockets, settings_of
 from .identities import make_identities
 from .manifest import describe, mosquitto_version
 from .observations import Clock, observe
-from .others import Others
 from .page_process import page_beside
+from .processors import Others
 from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
 from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
 from .validity import INTERRUPTED, Observed, Verdict, cut_off, judge, paired
