@@ -20,6 +20,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.asyncio(loop_scope="module")]
 COMMANDS_PER_LEG = 120
 STALL_S = 0.9
 """How long a leg stalls, and how long it flows between."""
+JITTER_S = 0.2
 PARTS = ("cloud broker", "fog broker", "activator", "uav clients")
 LEGS = ("gs-cloud", "cloud-activator", "activator-fog", "fog-uav")
 
@@ -108,16 +109,19 @@ async def test_no_command_is_executed_late_or_twice_while_a_leg_stalls(fleet: Fl
 
 
 async def test_while_every_hop_delays(fleet: Fleet) -> None:
+    """Four hops in order, each up to JITTER_S: about as long as a command is valid."""
     await all_reachable(fleet.fog)
     salvo = fleet.anew()
     for link in fleet.links.values():
-        link.jitter_s = 0.3
+        link.jitter_s = JITTER_S
     try:
         await salvo.fire(fleet.fog, COMMANDS_PER_LEG)
     finally:
         for link in fleet.links.values():
             link.jitter_s = 0.0
-    assert salvo.verdict("every hop delays")["executed"] > 0
+    counts = salvo.verdict("every hop delays")
+    assert counts["executed"] > 0
+    assert counts["expired"] > 0
 
 
 @pytest.mark.parametrize("leg", PARTS)
