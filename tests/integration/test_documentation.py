@@ -29,7 +29,7 @@ TYPED = pytest.mark.soak(
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- tutorial: (?P<how>[^\n]*) -->\n```sh\n(?P<text>.*?)```", re.DOTALL)
 SAYS = re.compile(r'(?:says|until) "(.*)"')
-DISARMED_ITSELF = "takeoff denied(temporarily_rejected)"
+DISARMED_ITSELF = "takeoff denied(disarmed)"
 DEMO = f"mqtt://127.0.0.1:{CLOUD_PORT}"
 EXIT_CODE = re.compile(r"exit code (\d+)")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mqttxt.drone.effects import Transmit
+from mqttxt.drone.acknowledgements import WORDS_MS
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.drone.runs import Said
@@ -43,6 +44,10 @@ class Bench:
             self.vehicle.heartbeat_ms = self.vehicle.heard_ms = self.now_ms
             out += self.executor.tick(self.now_ms)
         return out
+
+    def refuse(self, *messages: Any) -> list[Any]:
+        """Hear a refusal, and pass the time in which its last word waits for a text."""
+        return self.hear(*messages) + self.until(self.now_ms + WORDS_MS)
 
 
 def said(outputs: list[Any]) -> list[tuple[int, Word, str | None]]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.drone.mavlink.sources import Source
 from mqttxt.protocol.commands import Arm, Goto, Hold, Offboard, Return, StartMission, Velocity
 from mqttxt.protocol.messages import Word
 from tests.simulation.workbench import ARM, MODE, REPOSITION, Bench, said, set_points, written
-from tests.simulation.world import ack, heartbeat, home, landed, position
+from tests.simulation.world import ack, from_autopilot, heartbeat, home, landed, position
 from tests.unit.mqttxt.test_offboard import Flight
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3, 4, 5
@@ -39,7 +42,7 @@ def has_plan(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     [(REJECTED, "temporarily_rejected"), (DENIED, "autopilot"), (UNSUPPORTED, "unsupported"), (FAILED, "autopilot")],
 )
 def test_a_return_that_is_refused_after_it_was_accepted_has_failed(result: int, reason: str) -> None:
-    out = returning().hear(ack(MODE, result))
+    out = returning().refuse(ack(MODE, result))
     assert len(out) == 1, "nothing is counted as stray"
     assert said(out) == [(1, Word.FAILED, reason)]
 
@@ -54,15 +57,15 @@ def test_the_second_acknowledgement_is_not_taken_for_the_next_commands(monkeypat
     bench = returning()
     has_plan(bench, monkeypatch)
     assert written(bench.start(2, StartMission(bytes(16)))) == []
-    assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
-    assert written(bench.until(100)) == [MODE]
+    out = bench.refuse(ack(MODE, REJECTED))
+    assert (said(out), written(out)) == ([REJECTED_WORD], [MODE])
     assert said(bench.hear(ack(MODE))) == [(2, Word.ACCEPTED, None)]
 
 
 def test_the_second_acknowledgement_is_not_that_of_a_return_which_does_not_wait_for_it() -> None:
     bench = returning()
     assert written(bench.start(2, Return())) == [MODE]
-    assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
+    assert said(bench.refuse(ack(MODE, REJECTED))) == [REJECTED_WORD]
     assert said(bench.hear(ack(MODE, source=Source.HALT)))[0] == (2, Word.ACCEPTED, None)
 
 
@@ -87,7 +90,7 @@ def test_two_copies_that_are_both_refused_have_failed() -> None:
     bench = flying()
     bench.start(1, Return())
     bench.until(500)
-    out = bench.hear(ack(MODE), ack(MODE, REJECTED), ack(MODE), ack(MODE, REJECTED))
+    out = bench.refuse(ack(MODE), ack(MODE, REJECTED), ack(MODE), ack(MODE, REJECTED))
     assert said(out) == [TAKEN, REJECTED_WORD]
 
 
@@ -100,7 +103,7 @@ def test_a_mode_that_a_heartbeat_has_shown_is_not_refused() -> None:
 def test_a_hold_on_the_ground_that_is_refused_has_failed() -> None:
     bench = Bench()
     bench.start(1, Hold())
-    out = bench.hear(ack(MODE, source=Source.HALT), ack(MODE, REJECTED, source=Source.HALT))
+    out = bench.refuse(ack(MODE, source=Source.HALT), ack(MODE, REJECTED, source=Source.HALT))
     assert said(out) == [TAKEN, REJECTED_WORD]
 
 
@@ -108,7 +111,7 @@ def test_an_offboard_command_that_is_refused_ends_its_set_points() -> None:
     flight = Flight()
     flight.start(1, Offboard(10.0, velocity=Velocity(1.0, 0.0, 0.0)))
     flight.fly_until(500)
-    assert said(flight.hear(ack(MODE), ack(MODE, REJECTED))) == [TAKEN, REJECTED_WORD]
+    assert said(flight.refuse(ack(MODE), ack(MODE, REJECTED))) == [TAKEN, REJECTED_WORD]
     out = flight.fly_until(2000)
     assert (set_points(out), written(out)) == ([], [])
 
@@ -137,7 +140,7 @@ def test_an_autopilot_that_answers_once_is_not_waited_for_after_several_holds_of
 def test_a_refusal_that_comes_late_is_still_the_commands() -> None:
     bench = returning()
     bench.until(1000)
-    assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
+    assert said(bench.refuse(ack(MODE, REJECTED))) == [REJECTED_WORD]
 
 
 def test_other_numbers_are_answered_once() -> None:
@@ -164,7 +167,43 @@ def test_a_refusal_is_no_definite_no_while_another_copy_is_unanswered() -> None:
 
 def test_copies_that_are_all_refused_are_a_definite_no() -> None:
     bench = twice_written()
-    assert said(bench.hear(ack(ARM, REJECTED), ack(ARM, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
+    assert said(bench.refuse(ack(ARM, REJECTED), ack(ARM, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
+
+
+def px4_text(*parts: str) -> list[Any]:
+    """A text as PX4 sends it: parts of 50 characters, and a tab at the end."""
+    severity = mavlink.MAV_SEVERITY_CRITICAL
+    return [
+        from_autopilot(mavlink.MAVLink_statustext_message(severity, part.encode(), 7 if len(parts) > 1 else 0, number))
+        for number, part in enumerate(parts)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("parts", "text"),
+    [
+        (
+            ("Arming denied: Resolve system health failures firs", "t\t"),
+            "Arming denied: Resolve system health failures first",
+        ),
+        (("Disarming denied: not landed\t",), "Disarming denied: not landed"),
+    ],
+)
+def test_a_refusal_quotes_the_text_behind_it_once_it_is_whole(parts: tuple[str, ...], text: str) -> None:
+    """PX4 sends it within a millisecond."""
+    bench = Bench()
+    bench.start(1, Arm())
+    assert said(bench.hear(ack(ARM, REJECTED), *px4_text(*parts)[:-1])) == []
+    assert said(bench.hear(px4_text(*parts)[-1])) == [(1, Word.DENIED, f"temporarily_rejected: {text}")]
+    assert bench.until(1000) == []
+
+
+def test_a_refusal_whose_text_never_ends_is_not_waited_for_longer() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    assert said(bench.refuse(ack(ARM, REJECTED), px4_text("A" * 50, "B")[0])) == [
+        (1, Word.DENIED, "temporarily_rejected")
+    ]
 
 
 @pytest.mark.parametrize("refusal", [REJECTED, FAILED])
@@ -183,7 +222,7 @@ def test_a_copy_in_progress_goes_before_one_that_was_refused(refusal: int) -> No
 
 def test_copies_in_progress_that_are_all_refused_have_failed() -> None:
     bench = twice_written()
-    out = bench.hear(ack(ARM, REJECTED), ack(ARM, IN_PROGRESS, 10), ack(ARM, REJECTED))
+    out = bench.refuse(ack(ARM, REJECTED), ack(ARM, IN_PROGRESS, 10), ack(ARM, REJECTED))
     assert said(out) == [(1, Word.IN_PROGRESS, None), REJECTED_WORD]
 
 
@@ -201,5 +240,5 @@ def test_past_its_limit_a_command_has_failed_though_a_copy_of_it_was_refused() -
 
 def test_a_copy_that_failed_makes_no_definite_no_of_the_others_refusal() -> None:
     bench = twice_written()
-    bench.hear(ack(ARM, FAILED))
-    assert said(bench.hear(ack(ARM, DENIED))) == [(1, Word.FAILED, "autopilot")]
+    bench.refuse(ack(ARM, FAILED))
+    assert said(bench.refuse(ack(ARM, DENIED))) == [(1, Word.FAILED, "autopilot")]

@@ -139,7 +139,7 @@ def test_of_much_progress_the_newest_is_told_once_a_second() -> None:
 def test_a_refusal_after_progress_is_no_definite_no(result: int) -> None:
     bench = begun(Arm())
     bench.hear(ack(ARM, 5, 50))
-    ((_, word, reason),) = said(bench.hear(ack(ARM, result)))
+    ((_, word, reason),) = said(bench.refuse(ack(ARM, result)))
     assert (word, bool(reason)) == (Word.FAILED, True)
 
 
@@ -160,7 +160,7 @@ def test_a_refusal_after_progress_is_no_definite_no(result: int) -> None:
 )
 def test_the_autopilots_refusal_is_the_last_word_and_has_a_name(result: int, word: Word, reason: str | None) -> None:
     bench = begun(Arm())
-    assert said(bench.hear(ack(ARM, result))) == [(1, word, reason)]
+    assert said(bench.refuse(ack(ARM, result))) == [(1, word, reason)]
     assert bench.until(3000) == []
 
 
@@ -172,7 +172,7 @@ def test_the_acknowledgement_after_progress_decides() -> None:
         bench.until(6000)
     out = accepted.hear(ack(ARM), heartbeat(armed=True))
     assert said(out) == [(1, Word.ACCEPTED, None), (1, Word.COMPLETED, None)]
-    assert said(refused.hear(ack(ARM, 4))) == [(1, Word.FAILED, "autopilot")]
+    assert said(refused.refuse(ack(ARM, 4))) == [(1, Word.FAILED, "autopilot")]
 
 
 def test_progress_without_end_fails_at_the_limit_and_the_number_rests() -> None:
@@ -364,7 +364,7 @@ def test_an_acknowledged_command_supersedes_an_older_one_that_nobody_acknowledge
 def test_an_older_command_is_not_repeated_even_when_the_newer_was_denied() -> None:
     bench = begun(Takeoff(altitude_m=10))
     bench.start(2, Land())
-    bench.hear(ack(LAND, 2))
+    bench.refuse(ack(LAND, 2))
     out = bench.until(5000)
     assert written(out) == []
     assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]

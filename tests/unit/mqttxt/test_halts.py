@@ -60,7 +60,7 @@ def test_hold_is_written_while_the_gotos_number_rests(bench: Bench) -> None:
 def test_a_gotos_refusal_is_not_the_holds(bench: Bench) -> None:
     bench.start(1, THERE)
     bench.start(2, Hold())
-    assert said(bench.hear(ack(REPOSITION, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
+    assert said(bench.refuse(ack(REPOSITION, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
     assert said(bench.hear(halt_ack())) == [(2, *ACCEPTED)]
 
 
@@ -157,8 +157,8 @@ def test_a_refusal_is_not_the_older_holds_where_the_newer_one_may_have_drawn_it(
 
 def test_holds_that_share_a_component_are_denied_once_every_copy_of_both_was() -> None:
     bench = sharing()
-    assert said(bench.hear(halt_ack(REJECTED, LAST))) == []
-    found = said(bench.hear(halt_ack(REJECTED, LAST)))
+    assert said(bench.refuse(halt_ack(REJECTED, LAST))) == []
+    found = said(bench.refuse(halt_ack(REJECTED, LAST)))
     assert found == [(seq, Word.DENIED, "temporarily_rejected") for seq in (2, 3)]
 
 
@@ -205,8 +205,8 @@ def test_refusals_that_name_no_component_are_denials_once_every_copy_of_all_was_
     bench = Bench(heartbeat(), home(), position(), landed(ON_GROUND))
     bench.start(1, Arm())
     bench.start(2, Disarm())
-    assert said(bench.hear(NAMELESS)) == []
-    assert said(bench.hear(NAMELESS)) == [(seq, Word.DENIED, "temporarily_rejected") for seq in (1, 2)]
+    assert said(bench.refuse(NAMELESS)) == []
+    assert said(bench.refuse(NAMELESS)) == [(seq, Word.DENIED, "temporarily_rejected") for seq in (1, 2)]
 
 
 def test_a_refusal_that_names_no_component_may_be_of_the_clients_own_change_of_mode() -> None:

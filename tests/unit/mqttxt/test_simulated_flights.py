@@ -96,5 +96,8 @@ def test_a_takeoff_while_disarmed_leaves_nothing_that_the_next_arming_flies(flig
 def test_arming_is_denied_where_it_is_not_healthy(flight: Flight) -> None:
     flight.set(healthy=False)
     flight.fly(2)
-    reason = {"px4": "temporarily_rejected", "ardupilot": "autopilot: Arm: GPS 1: Bad fix"}[flight.vehicle.like.name]
-    assert flight.outcome(Arm()) == (Word.DENIED, reason)
+    reasons = {
+        "px4": "temporarily_rejected: Arming denied: Resolve system health failures first",
+        "ardupilot": "autopilot: Arm: GPS 1: Bad fix",
+    }
+    assert flight.outcome(Arm()) == (Word.DENIED, reasons[flight.vehicle.like.name])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import groupby
 from typing import Any
 
 import pytest
@@ -93,7 +94,9 @@ class Drone:
         return [o.message for o in self.out if isinstance(o, Reply) and o.message.get_type() == kind]
 
     def texts(self) -> list[str]:
-        return [message.text for message in self.sent("STATUSTEXT")]
+        """What it said, the parts of each text together."""
+        parts = groupby(self.sent("STATUSTEXT"), lambda message: message.id or message)
+        return ["".join(part.text for part in text).rstrip("\t") for _, text in parts]
 
 
 class Copter(Drone):

@@ -17,6 +17,8 @@ from .parameters import Parameters
 from .plans import Plans
 
 STEP_S = 0.02
+TEXT_BYTES = 50
+"""Of the text in one STATUSTEXT."""
 FALL_M_S = -10.0
 """Terminal speed of the fall after the motors were stopped in the air."""
 ON_GROUND, IN_AIR = int(mavlink.MAV_LANDED_STATE_ON_GROUND), int(mavlink.MAV_LANDED_STATE_IN_AIR)
@@ -67,6 +69,7 @@ class Autopilot(ABC):
         self._takes_off = False
         """Whether it climbs from the ground to the height of a takeoff."""
         self._out: list[Output] = []
+        self._text_id = 0
 
     @property
     def motion(self) -> Motion:
@@ -165,8 +168,13 @@ class Autopilot(ABC):
         self.guidance.target = (0.0, 0.0, altitude_m)
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_CRITICAL) -> None:
-        """Send a STATUSTEXT, cut to 50 bytes."""
-        self._out.append(Reply(mavlink.MAVLink_statustext_message(severity, text.encode()[:50])))
+        """Send a text in as many STATUSTEXTs as it needs; they share an id if it needs more than one."""
+        said = text.encode()
+        self._text_id = self._text_id % 0xFFFF + 1
+        text_id = self._text_id if len(said) >= TEXT_BYTES else 0
+        for number, start in enumerate(range(0, len(said) + bool(text_id), TEXT_BYTES)):
+            part = said[start : start + TEXT_BYTES]
+            self._out.append(Reply(mavlink.MAVLink_statustext_message(severity, part, text_id, number)))
 
     def _set_armed(self, armed: bool) -> None:
         if armed != self.armed:

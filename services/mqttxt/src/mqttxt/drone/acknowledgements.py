@@ -21,6 +21,8 @@ from .runs import Output, Phase, Run, Runs, Said
 
 UNEXPLAINED = "autopilot"
 """The reason of a refusal whose MAV_RESULT gives none."""
+QUOTED = frozenset({UNEXPLAINED, refusal(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)[1]})
+"""The reasons behind which the autopilot's text is quoted."""
 WORDS_MS = 200
 """How long after a refusal the autopilot's STATUSTEXT may still give the reason."""
 PROGRESS_MS = 1000
@@ -110,7 +112,7 @@ class Acknowledgements:
         if result == mavlink.MAV_RESULT_FAILED and self.vehicle.autopilot.refuses_as_failed:
             word = Word.DENIED
         text = self.vehicle.text_since(run.sent_number)
-        reason = f"{reason}: {text}" if reason == UNEXPLAINED and text else reason
+        reason = f"{reason}: {text}" if reason in QUOTED and text else reason
         if word.is_definite_no and (run.in_progress or run.phase is Phase.RUNNING):  # it was started
             return Word.FAILED, reason or word.label
         return word, reason
@@ -130,13 +132,12 @@ class Acknowledgements:
         rests = any(not self.runs.acks.is_free(key, now_ms) for key in keys if key != run.ack_key)
         if rests or any(one.sends > one.acks for one in sharing):
             return []
-        return [said for one in sharing if one.refused is not None for said in self._end_refused(one, now_ms)]
+        return [said for one in sharing if one.refused is not None for said in self._refused(one, *one.refused, now_ms)]
 
-    def _end_refused(self, run: Run, now_ms: int) -> list[Output]:
-        """End a refused run; hold its last word back if a reason may follow."""
-        assert run.refused is not None
-        said = self.runs.end(run, *run.refused)
-        if said.reason != UNEXPLAINED or not self.vehicle.autopilot.explains_afterwards:
+    def _refused(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+        """End a refused run; hold its last word back if the autopilot's text may follow."""
+        said = self.runs.end(run, word, reason)
+        if reason not in QUOTED or not self.vehicle.autopilot.explains_afterwards:
             return [said]
         self._held.append(_Held(said, run.sent_number, now_ms + WORDS_MS))
         return []
@@ -148,7 +149,7 @@ class Acknowledgements:
             text = self.vehicle.text_since(held.number)
             if text or now_ms >= held.until_ms:
                 self._held.remove(held)
-                out.append(replace(held.said, reason=f"{UNEXPLAINED}: {text}") if text else held.said)
+                out.append(replace(held.said, reason=f"{held.said.reason}: {text}") if text else held.said)
         return out
 
     def _on_unawaited(self, key: AckKey, keys: Sequence[AckKey], result: int, now_ms: int) -> list[Output]:
@@ -169,10 +170,10 @@ class Acknowledgements:
         if run.phase is Phase.PREPARING and run.preparation is not None:
             run.preparation.on_answer(is_accepted, is_second)
         elif run.phase is Phase.RUNNING and run.ack_key == key and not is_accepted:
-            return [*late, *self._on_refusal_after_acceptance(run, keys, result)]
+            return [*late, *self._on_refusal_after_acceptance(run, keys, result, now_ms)]
         return [*late]
 
-    def _on_refusal_after_acceptance(self, run: Run, keys: Sequence[AckKey], result: int) -> list[Output]:
+    def _on_refusal_after_acceptance(self, run: Run, keys: Sequence[AckKey], result: int, now_ms: int) -> list[Output]:
         """End an accepted run as refused, unless a heartbeat has shown its mode, or another copy may be carried out.
 
         The run also goes on while another one waits that the refusal may be of, by its `keys`.
@@ -182,7 +183,7 @@ class Acknowledgements:
         run.refusals += 1
         if run.entered_mode or run.refusals < run.sends:
             return []
-        return [self.runs.end(run, *self._refusal(run, result))]
+        return self._refused(run, *self._refusal(run, result), now_ms)
 
     def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
         """The command is under way, and is not sent again."""

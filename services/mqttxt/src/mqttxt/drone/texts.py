@@ -6,6 +6,7 @@ from collections import deque
 from typing import Any
 
 from ..protocol.states import AutopilotText, Severity
+from .mavlink.statustext import StatusTexts
 
 GAP_MS = 200
 """The least time between two texts: two with the same stamp would be taken for one."""
@@ -14,9 +15,6 @@ REST_MS = 1000
 """How long to wait for the next part of a text."""
 AGAIN_MS = 10_000
 """How long repetitions of a text are dropped."""
-LONGEST = 200
-PART = 50
-"""Characters in one STATUSTEXT."""
 
 
 class Texts:
@@ -25,41 +23,34 @@ class Texts:
     def __init__(self) -> None:
         self._waiting: deque[AutopilotText] = deque()
         self._told_ms: dict[AutopilotText, int] = {}
-        self._parts: dict[int, str] = {}
-        self._id = 0
-        self._severity = Severity.INFO
+        self._parts = StatusTexts()
         self._part_ms = 0
         self._next_ms = 0
 
     def on_message(self, message: Any, now_ms: int) -> None:
-        """A STATUSTEXT. One with an `id` is a part of a longer text, whose last part is the first that is not full."""
+        """A STATUSTEXT: a text or a part of one."""
         if message.severity not in list(Severity):
             return
-        if message.id != self._id or message.id == 0:
-            self._close(now_ms)
-        self._id, self._severity, self._part_ms = message.id, Severity(message.severity), now_ms
-        self._parts[message.chunk_seq] = message.text
-        if message.id == 0 or len(message.text) < PART:
-            self._close(now_ms)
+        self._part_ms = now_ms
+        self._queue(self._parts.take(message), now_ms)
 
     def due(self, now_ms: int) -> list[AutopilotText]:
         """The text to publish now, if any."""
-        if self._parts and now_ms - self._part_ms >= REST_MS:
-            self._close(now_ms)
+        if now_ms - self._part_ms >= REST_MS:
+            self._queue(self._parts.end(), now_ms)
         if not self._waiting or now_ms < self._next_ms:
             return []
         self._next_ms = now_ms + GAP_MS
         return [self._waiting.popleft()]
 
-    def _close(self, now_ms: int) -> None:
-        """Queue the text from the received parts, unless it is a repetition."""
-        said = "".join(self._parts[number] for number in sorted(self._parts))
-        self._parts.clear()
-        text = AutopilotText(self._severity, "".join(c for c in said if c.isprintable())[:LONGEST])
-        self._told_ms = {told: at_ms for told, at_ms in self._told_ms.items() if now_ms - at_ms < AGAIN_MS}
-        if not text.text or text in self._told_ms:
-            return
-        self._told_ms[text] = now_ms
-        self._waiting.append(text)
-        if len(self._waiting) > MOST_WAITING:
-            self._waiting.remove(max(self._waiting, key=lambda waiting: waiting.severity))
+    def _queue(self, texts: list[tuple[int, str]], now_ms: int) -> None:
+        """Queue texts, unless they are repetitions."""
+        for severity, said in texts:
+            text = AutopilotText(Severity(severity), said)
+            self._told_ms = {told: at_ms for told, at_ms in self._told_ms.items() if now_ms - at_ms < AGAIN_MS}
+            if text in self._told_ms:
+                continue
+            self._told_ms[text] = now_ms
+            self._waiting.append(text)
+            if len(self._waiting) > MOST_WAITING:
+                self._waiting.remove(max(self._waiting, key=lambda waiting: waiting.severity))

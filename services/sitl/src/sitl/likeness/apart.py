@@ -23,7 +23,6 @@ APART: dict[str, dict[tuple[str, str], str]] = {
 """By family, case and the beginning of a fact's name."""
 NOT_FLOWN: dict[str, dict[str, str]] = {
     "px4": {
-        "refusals in words": "PX4 refuses with TEMPORARILY_REJECTED, which is the reason by itself",
         "takeoff in modes of the sticks": "PX4's takeoff is a mode of its own",
         "unasked": _ASKED,
         "velocity, and its client ends": "PX4 follows set-points in a mode of their own: offboard, and its client ends",

@@ -20,7 +20,7 @@ from ..personalities import PERSONALITIES
 from ..process import LinkConfig
 from ..real.ardupilot import DEFAULTS, PROGRAM
 from ..real.ardupilot import ArduCopter as Prepared
-from ..real.px4 import scheduled
+from ..real.px4 import link_programs, scheduled
 from ..vehicle import Vehicle
 from .channel import Channel, Clock, SimulatedChannel, UdpChannel
 from .manners import ARDUCOPTER, MANNERS, PX4, Manners
@@ -135,7 +135,7 @@ class Px4(ProcessSubject):
     def __init__(self, folder: Path, instance: int) -> None:
         super().__init__()
         self._px4 = folder.resolve()
-        for part in ("bin/px4", "bin/px4-mavlink", "etc/init.d-posix/rcS"):
+        for part in ("bin/px4", "bin/px4-alias.sh", "etc/init.d-posix/rcS"):
             if not (self._px4 / part).exists():
                 raise SitlError(f"--px4-dir {folder}: expected {part} in it")
         self._instance = instance
@@ -147,6 +147,8 @@ class Px4(ProcessSubject):
         link.
         """
         shutil.copytree(self._px4 / "etc", self.folder / "etc")
+        (self.folder / "bin").mkdir()
+        link_programs(self._px4 / "bin", self.folder / "bin")
         script = self.folder / "etc/init.d-posix/px4-rc.mavlink"
         text = script.read_text()
         for found, made in (
@@ -169,7 +171,7 @@ class Px4(ProcessSubject):
     def command(self) -> list[str]:
         return [
             *scheduled(self._instance),
-            str(self._px4 / "bin/px4"),
+            str(self.folder / "bin/px4"),
             "-d",
             *("-i", str(self._instance)),
             *("-w", str(self.folder), str(self.folder / "etc")),

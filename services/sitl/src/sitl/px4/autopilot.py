@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from ..autopilot import Autopilot, FlightMode
 from ..dynamics import Energy, Place, Vector
 from ..mission import Leg
@@ -131,14 +133,14 @@ class Px4(Autopilot):
     # -- changes by callers ---------------------------------------------------------------------------------
 
     def arm_refusal(self) -> str | None:
-        """The reason why arming is denied now, or None."""
-        if not self.healthy:
-            return "Arming denied: system not ready"
-        if self.battery.remaining_pct < LOW_BATTERY_PCT:
-            return "Arming denied: low battery"
-        if self.mode in (Mode.LAND, Mode.RETURN) or not self.can_fly_in(self.mode):
-            return "Arming denied: mode not armable"
-        return None
+        """PX4's one text for whatever is against arming now, or None."""
+        is_ready = self.healthy and self.battery.remaining_pct >= LOW_BATTERY_PCT
+        is_armable = self.mode not in (Mode.LAND, Mode.RETURN) and self.can_fly_in(self.mode)
+        return None if is_ready and is_armable else "Arming denied: Resolve system health failures first"
+
+    def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_CRITICAL) -> None:
+        """Send a text; the tab at its end marks what PX4 also sends as an event."""
+        super().say(f"{text}\t", severity)
 
     def can_fly_in(self, mode: FlightMode) -> bool:
         """Whether a mode's needs are met: a mission, or a stream of set-points; sticks never are."""

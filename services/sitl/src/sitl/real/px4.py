@@ -72,6 +72,14 @@ def scheduled(number: int) -> list[str]:
     return ["taskset", "--cpu-list", str(processors[number % len(processors)]), "chrt", "--batch", "0"]
 
 
+def link_programs(programs: Path, folder: Path) -> None:
+    """Link PX4's program by the name of each of its commands: a copied folder may have lost such links."""
+    for name in ("px4", "px4-alias.sh"):
+        (folder / name).symlink_to(programs / name)
+    for name in set(_COMMAND.findall((folder / "px4-alias.sh").read_text(encoding="utf-8"))):
+        (folder / f"px4-{name}").symlink_to("px4")
+
+
 class Px4(Autopilot):
     """One PX4; its folder has bin/px4 and etc."""
 
@@ -79,7 +87,7 @@ class Px4(Autopilot):
         try:
             values = self._values()
             self._make_folders("log", self._bin, self._hooks)
-            self._link_programs()
+            link_programs(self.folder.absolute() / "bin", self._bin)
             self._write_hook("px4-rc.params", [f"param set {name} {value}" for name, value in values.items()])
             self._write_hook("px4-rc.mavlink", self._links())
         except OSError as error:
@@ -141,13 +149,6 @@ class Px4(Autopilot):
             return {entry["name"]: entry for entry in json.loads(lzma.decompress(path.read_bytes()))["parameters"]}
         except (ValueError, KeyError, TypeError, lzma.LZMAError) as error:
             raise SitlError(f"{path}: expected what PX4's build says of its parameters: {error}") from error
-
-    def _link_programs(self) -> None:
-        """Link the program by the name of each of its commands: a copied folder may have lost such links."""
-        for name in ("px4", "px4-alias.sh"):
-            (self._bin / name).symlink_to(self.folder.absolute() / "bin" / name)
-        for name in set(_COMMAND.findall((self._bin / "px4-alias.sh").read_text(encoding="utf-8"))):
-            (self._bin / f"px4-{name}").symlink_to("px4")
 
     def _write_hook(self, name: str, lines: list[str]) -> None:
         (self._hooks / name).write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -118,6 +118,7 @@ class Px4(Autopilot):
     is_offboard_alone = True
     priming = 10
     refuses_as_failed = False
+    explains_afterwards = True
     bytewise = True
     answers_twice: ClassVar = frozenset({mavlink.MAV_CMD_DO_SET_MODE})
 

@@ -38,6 +38,7 @@ from .home import HomeOfArming
 from .lost_fix import LostFix
 from .mission_progress import MissionProgress
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
+from .statustext import StatusTexts
 
 HEARTBEAT_LOST_MS = 3000
 LOST_MS = 10_000
@@ -85,6 +86,7 @@ class Vehicle:
         self._autopilot: Autopilot | None = None
         self._still: list[tuple[int, int]] = []
         self._arrivals: dict[str, Arrivals] = {}
+        self._texts = StatusTexts()
         self._text = (-1, "")
         self._home = HomeOfArming()
         self._lost_fix = LostFix()
@@ -141,7 +143,7 @@ class Vehicle:
         return found.number if found is not None else -1
 
     def text_since(self, number: int) -> str:
-        """The last STATUSTEXT of at least warning severity after message number `number`, empty without one."""
+        """The last text of at least warning severity that was whole after message number `number`, empty without one."""
         return self._text[1] if self._text[0] > number else ""
 
     def silence_ms(self, kind: str, now_ms: int) -> float:
@@ -178,8 +180,10 @@ class Vehicle:
         self._note_arrival(kind, now_ms)
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
-        elif kind == "STATUSTEXT" and message.severity <= mavlink.MAV_SEVERITY_WARNING:
-            self._text = (self.number, _printable(message.text))
+        elif kind == "STATUSTEXT":
+            for severity, text in self._texts.take(message):
+                if severity <= mavlink.MAV_SEVERITY_WARNING:
+                    self._text = (self.number, text)
         reader = _READERS.get(kind) or (self._readers_of_kind.get(kind) if self._autopilot is not None else None)
         read = reader(message) if reader is not None else []
         home, lost_fix = copy(self._home), copy(self._lost_fix)
@@ -246,10 +250,6 @@ class Vehicle:
         smoothed = found.interval_ms
         found.interval_ms = interval_ms if smoothed is None else 0.9 * smoothed + 0.1 * interval_ms
         found.number, found.at_ms = self.number, now_ms
-
-
-def _printable(text: str) -> str:
-    return "".join(c for c in text if c.isprintable())
 
 
 def _battery(message: Any) -> list[State]:
