@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mqttxt.drone.effects import Transmit
 from mqttxt.drone.acknowledgements import WORDS_MS
+from mqttxt.drone.effects import Transmit
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.drone.runs import Said

@@ -143,7 +143,7 @@ class Vehicle:
         return found.number if found is not None else -1
 
     def text_since(self, number: int) -> str:
-        """The last text of at least warning severity that was whole after message number `number`, empty without one."""
+        """The last text of at least warning severity that ended after message number `number`, empty without one."""
         return self._text[1] if self._text[0] > number else ""
 
     def silence_ms(self, kind: str, now_ms: int) -> float:
