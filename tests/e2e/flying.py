@@ -63,6 +63,7 @@ class Run:
         self.results = results
         self.lines: list[str] = []
         self._said = threading.Condition()
+        self._is_over = False
         self._process = subprocess.Popen(
             command,
             cwd=ROOT,
@@ -80,15 +81,18 @@ class Run:
             with self._said:
                 self.lines.append(line.rstrip())
                 self._said.notify_all()
+        with self._said:
+            self._is_over = True
+            self._said.notify_all()
 
     @property
     def output(self) -> str:
         return "\n".join(self.lines)
 
     def wait_for(self, condition: Callable[[], bool], limit_s: float = 120) -> None:
-        """Until what was said fulfils it; ends the run after the limit, or with Void where an attempt is void."""
+        """Until the lines fulfil it; ends the run after the limit, with Void where an attempt is void."""
         with self._said:
-            self._said.wait_for(lambda: condition() or self._voids != [], limit_s)
+            self._said.wait_for(lambda: condition() or self._is_over or self._voids != [], limit_s)
             if condition():
                 return
         self.interrupt()
