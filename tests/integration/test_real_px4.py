@@ -23,6 +23,7 @@ pytestmark = [
 
 NORTH, SOUTH = (Goto(HOME[0] + by_deg, HOME[1], 15.0) for by_deg in (0.002, -0.002))
 SOUTHWARDS = Offboard(60.0, velocity=Velocity(-2.0, 0.0, 0.0))
+REFUSED = "temporarily_rejected"
 FLIGHTS: dict[str, tuple[Command, tuple[int, int]]] = {
     "takeoff": (Takeoff(25.0), TAKEOFF),
     "goto": (NORTH, HOLD),
@@ -83,8 +84,10 @@ async def test_an_arm_that_puts_it_into_hold_first_does_not_undo_a_newer_mode(
     await fly(drone, Hold())
 
 
-async def test_hold_stops_a_goto_and_stays(flight: Flight, drone: Drone) -> None:
+async def test_its_refusal_in_the_air_is_quoted_and_hold_stops_a_goto_and_stays(flight: Flight, drone: Drone) -> None:
     await fly(drone, Arm(), Takeoff(15.0))
+    last = await drone.send(Disarm())
+    assert (last.word, last.reason) == (Word.DENIED, f"{REFUSED}: Disarming denied: not landed")
     for there in (NORTH, SOUTH):
         heard, task = await start(drone, there)
         await eventually(lambda: flight.pilot.speed_m_s > 4.0, "it is on its way")
@@ -110,7 +113,11 @@ async def test_without_gps_it_is_not_armable_within_three_seconds_and_would_not_
         await eventually(lambda: not is_armable(drone), "the station knows", 3)
         await eventually(lambda: not flight.pilot.would_arm, "PX4 says so", 30)
         assert not is_armable(drone)
-        assert (await drone.send(Arm())).word is Word.DENIED
+        last = await drone.send(Arm())
+        assert (last.word, last.reason) == (
+            Word.DENIED,
+            f"{REFUSED}: Arming denied: Resolve system health failures first",
+        )
     finally:
         flight.pilot.set_whole_parameter("SIM_GPS_USED", 10)
     await armable(drone)
