@@ -19,6 +19,7 @@ ARM = Request(400, (1.0, 0.0, None, None, None, None, None))
 DISARM = Request(400, (0.0, 0.0, None, None, None, None, None))
 LAND = Request(21, (None,) * 7)
 HOLD = Request(176, (1.0, 4.0, 3.0, None, None, None, None))
+RETURN = Request(20, (None,) * 7)
 GOTO = Request(192, (-1.0, 1.0, 0.0, None, 47.001, 8.001, 510.0))
 START = Request(300, (0.0,) * 7)
 YAW = Request(115, (90.0, *[0.0] * 6))
@@ -232,6 +233,39 @@ async def test_a_command_that_is_meant_anew_can_be_repeated(bench: Bench, client
         await bench.ask(client, request)
         await bench.say(Word.ACCEPTED)
     assert bench.drone.commands == [Hold(), Land(), Hold()]
+
+
+@pytest.mark.parametrize(("stop", "other"), [(HOLD, GOTO), (LAND, HOLD), (RETURN, GOTO), (DISARM, LAND)])
+async def test_a_stop_behind_another_command_is_sent_though_an_equal_one_is_open(
+    bench: Bench, client: Client, stop: Request, other: Request
+) -> None:
+    """The first words are slow; the pilot stops, goes on and stops again."""
+    for request in (stop, other, stop):
+        await bench.ask(client, request)
+        bench.pass_time(400)
+        beat(bench, client)
+    first, between, last = bench.drone.commands
+    assert first == last != between
+    await bench.say(Word.SUPERSEDED, 0)
+    assert ACCEPTED not in [result for _, result in bench.acks()]
+    await bench.say(Word.ACCEPTED, 2)
+    assert bench.acks()[-1] == (stop.mav_cmd, ACCEPTED)
+
+
+async def test_an_open_stop_is_repeated_while_nothing_else_was_commanded(bench: Bench, client: Client) -> None:
+    await bench.ask(client, HOLD)
+    for confirmation in (0, 1, 2):
+        await bench.ask(client, HOLD, confirmation)
+    await bench.ask(client, GOTO)
+    await bench.ask(client, HOLD, confirmation=3)
+    assert [type(command) for command in bench.drone.commands] == [Hold, Goto]
+
+
+async def test_an_open_goto_behind_another_command_is_a_repetition(bench: Bench, client: Client) -> None:
+    """COMMAND_INT has no number: flying on behind a hold would be worse than a goto that is sent once more."""
+    for request in (GOTO, HOLD, GOTO):
+        await bench.ask(client, request)
+    assert [type(command) for command in bench.drone.commands] == [Goto, Hold]
 
 
 async def test_a_repetition_does_not_take_the_drone_back_from_another_station(group: Any) -> None:

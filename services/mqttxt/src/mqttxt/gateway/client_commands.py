@@ -66,7 +66,7 @@ class ClientCommand:
     """A command of a client; `result` is None until the final acknowledgement, for which it `waits`.
 
     `place`: its number among all commands, in the order in which clients sent them. `confirmation`: that of the first
-    message. `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a definite no. `is_kept`: it waits until the
+    message. `is_stopping`: it stops the drone. `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a definite no. `is_kept`: it waits until the
     drone has its client's plan. `ground_hold`: for a HOLD before arming, the future of whether the drone accepts it.
     `repeated_ms`: when its newest repetition came.
     """
@@ -78,6 +78,7 @@ class ClientCommand:
     next_progress_ms: int
     place: int
     confirmation: int
+    is_stopping: bool = False
     is_quiet: bool = False
     percent: int = PERCENT_UNKNOWN
     result: int | None = None
@@ -105,11 +106,14 @@ class ClientCommand:
     def is_repeated(self, confirmation: int, is_newest: bool, now_ms: int) -> bool:
         """Whether an equal request of its client is a repetition; `is_newest`: that client asked nothing else since.
 
-        A client that numbers its repetitions changes `confirmation`. Another one may always send the same number.
+        A client that numbers its repetitions changes `confirmation`. Another one may always send the same number. Its
+        stopping command behind another one may be meant anew, and is harmless if it is not.
         """
         if confirmation and confirmation != self.confirmation:
             return not self.is_past(now_ms)
-        return self.waits or (is_newest and not self.is_declined and now_ms - self.ended_ms <= REPEAT_MS)
+        if self.waits:
+            return is_newest or not self.is_stopping
+        return is_newest and not self.is_declined and now_ms - self.ended_ms <= REPEAT_MS
 
     def is_past(self, now_ms: int) -> bool:
         """Whether no repetition of it comes any more."""

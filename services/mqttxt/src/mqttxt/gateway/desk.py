@@ -83,7 +83,7 @@ class Desk(Worker):
                 return
             meant = replace(view, named=self._uploads.mission(client, drone.number))
             command = command_of(request, meant, takeoff_m)
-            entry.is_quiet = is_quiet(request, command)
+            entry.is_stopping, entry.is_quiet = isinstance(command, _STOPPING), is_quiet(request, command)
             self._group.create_task(self._carry_out(entry, drone, command))
         except Declined as declined:
             entry.decline(declined, self._now_ms())
