@@ -65,10 +65,10 @@ def is_quiet(request: Request, command: Command) -> bool:
 class ClientCommand:
     """A command of a client; `result` is None until the final acknowledgement, for which it `waits`.
 
-    `place`: its number among all commands, in the order in which clients sent them. `confirmation`: that of the first
-    message. `is_stopping`: it stops the drone. `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a definite no. `is_kept`: it waits until the
-    drone has its client's plan. `ground_hold`: for a HOLD before arming, the future of whether the drone accepts it.
-    `repeated_ms`: when its newest repetition came.
+    `place`: its number among all commands, in the order in which clients sent them. `confirmation`: that of the
+    first message. `is_stopping`: it stops the drone. `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a
+    definite no. `is_kept`: it waits until the drone has its client's plan. `ground_hold`: for a HOLD before arming,
+    the future of whether the drone accepts it. `repeated_ms`: when its newest repetition came.
     """
 
     client: Client
