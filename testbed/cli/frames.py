@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..present.packets_view.choice import Choice, Chosen
+from ..present.packets_view.choice import Chosen, FrameChoice
 from ..present.packets_view.dissected import dissect, mavlink_frames, read_frame
 from ..present.packets_view.words import said_by_frame, said_by_publish
 
@@ -21,7 +21,7 @@ _NARROWEST = 20
 """The least width in characters of the column with a frame's messages, however narrow the terminal is."""
 
 
-def print_chosen(chosen: Chosen, choice: Choice, console: Console, show: int | None, rows: int) -> None:
+def print_chosen(chosen: Chosen, choice: FrameChoice, console: Console, show: int | None, rows: int) -> None:
     """Print one attempt: the first `show` frames dissected, or a table of the first `rows`, and messages by kind."""
     console.print(f"[bold]{escape(_shown(chosen.attempt.path))}[/]", soft_wrap=True)
     if chosen.truncated:
@@ -83,7 +83,7 @@ def _print_frames(chosen: Chosen, count: int, console: Console) -> None:
         console.print(f"\n… and {len(chosen.frames) - count:,} more")
 
 
-def _table_of_kinds(chosen: Chosen, choice: Choice) -> Table:
+def _table_of_kinds(chosen: Chosen, choice: FrameChoice) -> Table:
     """A table of messages by kind, counted on every link that they cross, and of the frames in which none begins."""
     span_s = _span_s(chosen, choice)
     frames = chosen.frames
@@ -114,7 +114,7 @@ def _table_of_kinds(chosen: Chosen, choice: Choice) -> Table:
     return table
 
 
-def _span_s(chosen: Chosen, choice: Choice) -> float:
+def _span_s(chosen: Chosen, choice: FrameChoice) -> float:
     """The chosen time span in seconds; without a limit, from the first chosen frame or to the last."""
     first, last = chosen.frames["t_ns"][0], chosen.frames["t_ns"][-1]
     start_ns = first if choice.from_s is None else chosen.start_ns + round(choice.from_s * 1e9)

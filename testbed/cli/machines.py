@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import DockerError, UserError
-from ..fly.campaign.run import Steps
+from ..fly.campaign.run import SeriesSteps
 from ..fly.campaign.targets import CERTIFICATE, PORT
 from ..fly.containers import connect_docker
 from ..fly.manifest import machine_name
@@ -90,7 +90,7 @@ def report_beside_flights(path: Path) -> None:
     report_series(path, make_console())
 
 
-STEPS = Steps(fly_series, report_beside_flights)
+STEPS = SeriesSteps(fly_series, report_beside_flights)
 
 
 async def until_a_signal(running: Coroutine[Any, Any, None]) -> None:

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from ..errors import UserError
 from ..plan.documents import ROOT
-from ..present.packets_view.choice import Choice, choose, find_attempts
+from ..present.packets_view.choice import FrameChoice, choose, find_attempts
 
 RESULTS = ROOT / "results"
 ROWS = 40
@@ -34,7 +34,7 @@ def packets(
             raise UserError(f"{option} {value}: expected a whole number from 1 on")
     if show is not None and summary:
         raise UserError("--show and --summary: expected one of them")
-    choice = Choice(link, protocol, kind, from_s, to_s)
+    choice = FrameChoice(link, protocol, kind, from_s, to_s)
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=160)

@@ -54,7 +54,7 @@ Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Change:
+class ComparedEvent:
     """One event: seconds since the drone's first arming, and how much later it is than in the log."""
 
     event: str
@@ -72,7 +72,7 @@ class Comparison:
     """
 
     version: str
-    changes: tuple[Change, ...]
+    changes: tuple[ComparedEvent, ...]
     clock_ms: float
     speed: float
     height_m: float | None
@@ -133,7 +133,7 @@ def compare(path: Path, events: Sequence[dict[str, Any]]) -> Comparison:
     by_log = np.interp([us / 1e6 for _, us in logged], boot_s, host_s)
     by_events = [(t_ns - told[0][1]) / 1e9 for _, t_ns in told]
     changes = tuple(
-        Change(name, round(at_s, 3), round(float(at_s - log_s) * 1e3, 1))
+        ComparedEvent(name, round(at_s, 3), round(float(at_s - log_s) * 1e3, 1))
         for (name, _), at_s, log_s in zip(told, by_events, by_log, strict=True)
     )
     first, last = logged[0][1] / 1e6, logged[-1][1] / 1e6

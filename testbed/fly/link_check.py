@@ -23,7 +23,7 @@ from ..plan.fleet import Fleet
 from ..plan.profiles.reading import profile_names, read_profile
 from ..plan.profiles.resolve import LinksPlan, resolve
 from ..plan.topology import Topology
-from .calibration import Calibration, Loss, calibrate, measure_losses
+from .calibration import Calibration, LinkLoss, calibrate, measure_losses
 from .calibration.calibrate import RunInNode, run_schedule
 from .calibration.schedule import make_load
 from .calibration.table import HEAD, rows_of
@@ -45,7 +45,7 @@ class Checked:
     plan: LinksPlan
     shaper: dict[str, Any]
     calibration: Calibration
-    losses: tuple[Loss, ...]
+    losses: tuple[LinkLoss, ...]
     void: str | None
 
     @property

@@ -17,7 +17,7 @@ from ..plan.experiments import Plan
 from ..plan.profiles.resolve import LinksPlan, resolve
 from ..plan.profiles.run_plan import run_plan
 from ..plan.topology import Topology
-from .calibration import Calibration, Loss, measure_losses
+from .calibration import Calibration, LinkLoss, measure_losses
 from .results import (
     LINKS_CALIBRATION,
     LINKS_COUNTERS,
@@ -86,7 +86,7 @@ def off_lines(folder: Path, links: LinksPlan) -> tuple[str, ...]:
     return tuple(line for line in lines if line is not None)
 
 
-def _keep_losses(folder: Path, losses: Sequence[Loss]) -> None:
+def _keep_losses(folder: Path, losses: Sequence[LinkLoss]) -> None:
     found = read_json(folder / LINKS_CALIBRATION)
     for loss in losses:
         found["links"].setdefault(loss.link, {})["loss"] = loss.to_data()

@@ -22,7 +22,7 @@ Ask = Callable[[list[str]], str]
 
 
 @dataclass(frozen=True)
-class Change:
+class LiveChange:
     """The figures of one direction of a link from now on, in the plan's fields; None: as planned again."""
 
     link: str
@@ -49,7 +49,7 @@ def read_live_plan(ask: Ask) -> LinksPlan:
 
 def changes(
     plan: LinksPlan, topology: Topology, link: str, typed: Mapping[str, str], *, closed: bool, back: bool
-) -> list[Change]:
+) -> list[LiveChange]:
     """The changes that `testbed link` asks for, one for each direction that `link` names.
 
     `typed` has the given options, by their names in a profile. Other figures are as planned, whatever was changed by
@@ -76,11 +76,11 @@ def changes(
         state = replace(planned, **{field: value for field, value in change.items() if field != "closed"})
         _check(name, state, typed)
         words = change_words(plan, topology, name, state, closed=closed)
-        found.append(Change(name, None if back else change, words))
+        found.append(LiveChange(name, None if back else change, words))
     return found
 
 
-def tell(ask: Ask, wanted: Change) -> None:
+def tell(ask: Ask, wanted: LiveChange) -> None:
     """Have `net` apply a change. Raises DockerError with its reason if it refuses."""
     said = ask(wanted.command).strip()
     try:

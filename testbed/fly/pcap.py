@@ -30,7 +30,7 @@ _ETHERNET = 1
 
 
 @dataclass(frozen=True)
-class Capture:
+class CapturedFrames:
     """The frames of one file, in its order.
 
     `data` is the whole file; frame i is `data[starts[i]:starts[i] + lengths[i]]`. `sizes` are the bytes on the wire
@@ -45,7 +45,7 @@ class Capture:
     truncated: bool
 
 
-def read_capture(path: Path) -> Capture:
+def read_capture(path: Path) -> CapturedFrames:
     """Read the frames of a pcap, up to the cut if it was cut off. Raises ResultsError if it is no Ethernet pcap."""
     try:
         size = path.stat().st_size
@@ -78,7 +78,7 @@ class CaptureTail:
         self._path = path
         self._at = _FILE_HEADER
 
-    def more(self) -> Capture:
+    def more(self) -> CapturedFrames:
         """The complete frames written since the last call. Raises ResultsError if the file is no pcap."""
         try:
             with self._path.open("rb") as file:
@@ -100,7 +100,7 @@ class CaptureTail:
         return _arranged(data, starts, order, step_ns, end != size)
 
 
-def empty_capture() -> Capture:
+def empty_capture() -> CapturedFrames:
     """A capture without a frame."""
     return _arranged(np.zeros(PADDING, dtype=np.uint8), np.empty(0, dtype=np.int64), "<", 1, False)
 
@@ -133,8 +133,8 @@ def _record_starts(data: memoryview, size: int, order: str) -> tuple[Ints, int]:
     return np.array(starts, dtype=np.int64), at
 
 
-def _arranged(data: Bytes, starts: Ints, order: str, step_ns: int, truncated: bool) -> Capture:
+def _arranged(data: Bytes, starts: Ints, order: str, step_ns: int, truncated: bool) -> CapturedFrames:
     heads = windows(data, _RECORD_HEADER, starts - _RECORD_HEADER)
     fields = np.ascontiguousarray(heads).view(f"{order}u4").astype(np.int64).reshape(-1, 4)
     t_ns = fields[:, 0] * 1_000_000_000 + fields[:, 1] * step_ns
-    return Capture(data, starts, fields[:, 2], fields[:, 3], t_ns, truncated)
+    return CapturedFrames(data, starts, fields[:, 2], fields[:, 3], t_ns, truncated)

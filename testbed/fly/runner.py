@@ -20,7 +20,7 @@ from ..plan.profiles.resolve import LinksPlan
 from ..plan.sensors import closed_links, gates_of
 from . import links as link_files
 from .calibration import calibrate
-from .calibration.clocks import ahead_ns, measure_ways
+from .calibration.clocks import ahead_ns, measure_clocks
 from .containers import Containers, start_network
 from .daemon import Usage
 from .flights import mission_command, profile_of, remove_sockets, settings_of
@@ -207,11 +207,11 @@ def _fleet_up(
         shaper = link_files.read_shaper(folder)
         manifest |= {"shaper": shaper["shaper"], "shaping": shaper}
         with progress.phase("calibrating the links"):
-            ways = measure_ways(plan.fleet, plan.machines, containers.output)
-            manifest |= {"machines": [way.to_data() for way in ways]} if ways else {}
-            calibration = calibrate(links, topology, containers.output, closed_links(gates), ahead_ns(ways))
+            clocks = measure_clocks(plan.fleet, plan.machines, containers.output)
+            manifest |= {"machines": [clock.to_data() for clock in clocks]} if clocks else {}
+            calibration = calibrate(links, topology, containers.output, closed_links(gates), ahead_ns(clocks))
         manifest["calibration"] = link_files.write_calibration(folder, calibration)
-        if off := (*(way.off for way in ways if way.off is not None), *calibration.off):
+        if off := (*(clock.off for clock in clocks if clock.off is not None), *calibration.off):
             raise LinksOff("; ".join(off))
         if plan.is_secured(attempt.protocol):
             with progress.phase("making the fleet's identities"):

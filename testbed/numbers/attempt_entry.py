@@ -23,7 +23,7 @@ class Receipts(TypedDict):
     late: int
 
 
-class Delays(TypedDict):
+class DelaysEntry(TypedDict):
     """Delays by the captures, and by the programs' own clocks."""
 
     captures: Summary
@@ -72,7 +72,7 @@ class KindOfMessages(LossEntry):
     drones: dict[str, DroneMessages]
 
 
-class Messages(TypedDict):
+class MessagesEntry(TypedDict):
     """The messages of a mission, by command and by state."""
 
     commands: dict[str, KindOfMessages]
@@ -255,13 +255,13 @@ class MissionNumbers(TypedDict):
     message_loss: MessageLoss
     commands_sent: int
     states_sent: int
-    messages: Messages
+    messages: MessagesEntry
     losses: Losses | None
     delay_ms: dict[str, list[float]]
     delay_app_ms: dict[str, list[float]]
     delay_received_ms: dict[str, list[float]]
     receipts: NotRequired[Receipts | None]
-    state_delay_ms: dict[str, Delays]
+    state_delay_ms: dict[str, DelaysEntry]
     frames_per_call: dict[str, float]
     message_sizes: dict[str, SizeEntry]
     size_histogram: dict[str, int]

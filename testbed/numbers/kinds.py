@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from statistics import mean
 
 from . import words
-from .observed import NOTHING_SENT, Amount, FrameSizes, Kind, Loss, Sides
-from .quantities import Row
-from .quantity import Figure
+from .observed import NOTHING_SENT, Amount, FrameSizes, Loss, ObservedKind, Sides
+from .quantities import QuantityRow
+from .quantity import QuantityFigure
 
 COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
 STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
@@ -21,7 +21,7 @@ _ANSWERS = ("result", "ack")
 
 
 @dataclass(frozen=True)
-class Side:
+class KindOnSide:
     """A kind on one side.
 
     `with_states` counts everything on the links meanwhile, `alone` only the kind's own messages. `delay_ms` is one way
@@ -43,39 +43,39 @@ class Side:
     frames_per_call: float | None
 
     @property
-    def lost(self) -> Figure:
+    def lost(self) -> QuantityFigure:
         """The share of messages of which no copy arrived."""
-        return Figure.of_loss(self.loss)
+        return QuantityFigure.of_loss(self.loss)
 
 
 @dataclass(frozen=True)
-class Quantity:
+class KindQuantity:
     """A number of a kind on one side, per message: a mean over all messages of the attempts."""
 
     key: str
     name: str
     unit: str
     write: Callable[[float | None], str]
-    of: Callable[[Side], float | None]
+    of: Callable[[KindOnSide], float | None]
 
-    def figure(self, side: Side) -> Figure:
+    def figure(self, side: KindOnSide) -> QuantityFigure:
         value = self.of(side)
-        return Figure(self.write(value), value, {} if value is None else {1: value}, self.write)
+        return QuantityFigure(self.write(value), value, {} if value is None else {1: value}, self.write)
 
 
-PACKETS = Quantity("packets", "packets", "frames", words.digits, lambda side: side.with_states.packets)
-SIZE = Quantity("bytes", "bytes", "B", words.size, lambda side: side.with_states.bytes)
-OWN_PACKETS = Quantity("own_packets", "its own packets", "frames", words.digits, lambda side: side.alone.packets)
-OWN_SIZE = Quantity("own_bytes", "its own bytes", "B", words.size, lambda side: side.alone.bytes)
-DELAY = Quantity("delay_ms", "delay", "ms", words.milliseconds, lambda side: side.delay_ms)
-QUANTITIES: tuple[Quantity, ...] = (PACKETS, SIZE, OWN_PACKETS, OWN_SIZE, DELAY)
+PACKETS = KindQuantity("packets", "packets", "frames", words.digits, lambda side: side.with_states.packets)
+SIZE = KindQuantity("bytes", "bytes", "B", words.size, lambda side: side.with_states.bytes)
+OWN_PACKETS = KindQuantity("own_packets", "its own packets", "frames", words.digits, lambda side: side.alone.packets)
+OWN_SIZE = KindQuantity("own_bytes", "its own bytes", "B", words.size, lambda side: side.alone.bytes)
+DELAY = KindQuantity("delay_ms", "delay", "ms", words.milliseconds, lambda side: side.delay_ms)
+QUANTITIES: tuple[KindQuantity, ...] = (PACKETS, SIZE, OWN_PACKETS, OWN_SIZE, DELAY)
 
-_IN_BRIEF: tuple[Quantity, ...] = (OWN_SIZE, DELAY)
+_IN_BRIEF: tuple[KindQuantity, ...] = (OWN_SIZE, DELAY)
 
 
-def kinds_of(sides: Sides) -> dict[str, dict[str, Side]]:
+def kinds_of(sides: Sides) -> dict[str, dict[str, KindOnSide]]:
     """The sides by kind, commands before states; a side is left out if none of its completed attempts has the kind."""
-    found: dict[str, dict[str, Side]] = {}
+    found: dict[str, dict[str, KindOnSide]] = {}
     for name in (*COMMANDS, *STATES):
         for protocol, side in sides.items():
             entries = [attempt.kinds[name] for attempt in side.completed if name in attempt.kinds]
@@ -89,7 +89,7 @@ def form_of(name: str) -> str:
     return "command" if name in COMMANDS else "state"
 
 
-def means_of(kinds: Mapping[str, Mapping[str, Side]]) -> dict[str, tuple[tuple[str, ...], dict[str, Side]]]:
+def means_of(kinds: Mapping[str, Mapping[str, KindOnSide]]) -> dict[str, tuple[tuple[str, ...], dict[str, KindOnSide]]]:
     """By form the mean command and the mean state, with the kinds that they are means of: those that all sides have."""
     found = {}
     for form in ("command", "state"):
@@ -101,23 +101,23 @@ def means_of(kinds: Mapping[str, Mapping[str, Side]]) -> dict[str, tuple[tuple[s
     return found
 
 
-def compared(sides: Sides) -> list[Row]:
+def compared(sides: Sides) -> list[QuantityRow]:
     """The rows that compare two message sets: the mean command and state with all quantities, each kind in brief."""
     kinds = kinds_of(sides)
     wanted = [(f"mean {form}", of, QUANTITIES) for form, (_, of) in means_of(kinds).items()]
     wanted += [(name, of, _IN_BRIEF) for name, of in kinds.items()]
     return [
-        Row(f"{name}: {quantity.name}", {protocol: quantity.figure(side) for protocol, side in of.items()})
+        QuantityRow(f"{name}: {quantity.name}", {protocol: quantity.figure(side) for protocol, side in of.items()})
         for name, of, quantities in wanted
         for quantity in quantities
     ]
 
 
-def side_of(entries: Sequence[Kind]) -> Side:
+def side_of(entries: Sequence[ObservedKind]) -> KindOnSide:
     """A kind on one side, from its entries in the attempts."""
     name = entries[0].name
     answers = [frame for answer in _ANSWERS if (frame := _frame(entries, f"{name} {answer}")) is not None]
-    return Side(
+    return KindOnSide(
         asked=sum(one.asked for one in entries),
         received=sum(one.received for one in entries),
         failed=_sum(one.reasons for one in entries),
@@ -133,13 +133,13 @@ def side_of(entries: Sequence[Kind]) -> Side:
     )
 
 
-def _mean_side(sides: Sequence[Side]) -> Side:
+def _mean_side(sides: Sequence[KindOnSide]) -> KindOnSide:
     """The mean message of several kinds: means of the figures per message, sums of the counts."""
 
     def amount(amounts: Sequence[Amount]) -> Amount:
         return Amount(mean(one.packets for one in amounts), mean(one.bytes for one in amounts))
 
-    return Side(
+    return KindOnSide(
         asked=sum(side.asked for side in sides),
         received=sum(side.received for side in sides),
         failed=_sum(side.failed for side in sides),
@@ -163,12 +163,12 @@ def _sum(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     return found
 
 
-def _amount(entries: Sequence[Kind], amounts: Sequence[Amount]) -> Amount:
+def _amount(entries: Sequence[ObservedKind], amounts: Sequence[Amount]) -> Amount:
     asked = sum(one.asked for one in entries)
     return Amount(sum(one.packets for one in amounts) / asked, sum(one.bytes for one in amounts) / asked)
 
 
-def _frame(entries: Sequence[Kind], message: str) -> FrameSizes | None:
+def _frame(entries: Sequence[ObservedKind], message: str) -> FrameSizes | None:
     sizes = [one.frames[message] for one in entries if message in one.frames]
     if not sizes:
         return None

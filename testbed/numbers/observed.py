@@ -63,7 +63,7 @@ class FrameSizes:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ObservedKind:
     """A kind of the message set in one attempt; the delay of a lost message is None."""
 
     name: str
@@ -83,7 +83,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class ObservedAttempt:
     """A completed or failed attempt, in the window of its mission; `mission_s` is None if it failed.
 
     `window_s` is how long frames were counted, None if the mission never began. `frames` leaves out the frames sent
@@ -109,7 +109,7 @@ class Attempt:
     memory_bytes: Mapping[str, int]
     purposes: Mapping[str, int]
     layers: Mapping[str, int]
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, ObservedKind]
 
     @property
     def completed(self) -> bool:
@@ -120,11 +120,11 @@ class Attempt:
 class Side:
     """One protocol's attempts that count, in order, and the number of void ones."""
 
-    attempts: tuple[Attempt, ...]
+    attempts: tuple[ObservedAttempt, ...]
     void: int
 
     @property
-    def completed(self) -> tuple[Attempt, ...]:
+    def completed(self) -> tuple[ObservedAttempt, ...]:
         return tuple(attempt for attempt in self.attempts if attempt.completed)
 
 
@@ -148,13 +148,13 @@ def _side(side: SideEntry) -> Side:
     return Side(tuple(observe_attempt(one) for one in side["attempts"]), len(side["void"]))
 
 
-def observe_attempt(entry: AttemptEntry) -> Attempt:
+def observe_attempt(entry: AttemptEntry) -> ObservedAttempt:
     """Read one attempt's entry in `metrics.json`."""
     window = entry["window"]
     lost = sum(link["lost"] for link in entry["links"].values())
     unreached = entry["out_of_range"]
     got = entry.get("receipts")
-    return Attempt(
+    return ObservedAttempt(
         number=entry["attempt"],
         status=entry["status"],
         mission_s=entry["mission_s"],
@@ -188,8 +188,8 @@ def _loss(counted: KindOfMessages | KindEntry) -> Loss:
     return Loss(counted["lost"], counted["sent"] - counted["open"], counted["open"])
 
 
-def _kind(name: str, kind: KindEntry) -> Kind:
-    return Kind(
+def _kind(name: str, kind: KindEntry) -> ObservedKind:
+    return ObservedKind(
         name=name,
         form=kind["form"],
         asked=kind["asked"],

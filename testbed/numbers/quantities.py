@@ -11,28 +11,28 @@ from statistics import median
 
 from . import words
 from .attempt_entry import LossEntry
-from .observed import NOTHING_SENT, Attempt, Loss, Side, Sides
-from .quantity import ABOVE, BELOW, ByCommand, Completed, Figure, Quantity, Share
+from .observed import NOTHING_SENT, Loss, ObservedAttempt, Side, Sides
+from .quantity import ABOVE, BELOW, ByCommand, Completed, Quantity, QuantityFigure, Share
 from .statistics import loss_of, paired_test, significant
 from .written import CompletionEntry, PairedTestEntry, SpreadEntry, Statistics
 
 
-def share(key: str, name: str, count: Callable[[Attempt], Loss], *, counted: bool = False) -> Share:
+def share(key: str, name: str, count: Callable[[ObservedAttempt], Loss], *, counted: bool = False) -> Share:
     """A share; its value in an attempt is the share of `count`."""
     return Share(key, name, "share", words.share, lambda attempt: count(attempt).share, counted, count)
 
 
-def per_second(amount: Callable[[Attempt], float]) -> Callable[[Attempt], float | None]:
+def per_second(amount: Callable[[ObservedAttempt], float]) -> Callable[[ObservedAttempt], float | None]:
     """An amount divided by the mission time; None if the mission was not completed."""
     return lambda attempt: amount(attempt) / attempt.mission_s if attempt.mission_s else None
 
 
-def per_counted_second(amount: Callable[[Attempt], float]) -> Callable[[Attempt], float | None]:
+def per_counted_second(amount: Callable[[ObservedAttempt], float]) -> Callable[[ObservedAttempt], float | None]:
     """An amount divided by the time in which it was counted; a failed attempt counts until it gave up."""
     return lambda attempt: amount(attempt) / attempt.window_s if attempt.window_s else None
 
 
-def purpose_bytes(attempt: Attempt, *purposes: str) -> float:
+def purpose_bytes(attempt: ObservedAttempt, *purposes: str) -> float:
     """Bytes for some purposes, with their part of the acknowledgements, which are shared out in proportion to bytes."""
     told = {name: float(count) for name, count in attempt.purposes.items()}
     acknowledging = told.pop("acknowledgement", 0.0)
@@ -40,13 +40,13 @@ def purpose_bytes(attempt: Attempt, *purposes: str) -> float:
     return own + (acknowledging * own / all_ if all_ else 0.0)
 
 
-def _command_bytes(attempt: Attempt) -> float:
+def _command_bytes(attempt: ObservedAttempt) -> float:
     """Bytes of commands and their results; in the message set all bytes while commands were measured."""
     kinds = [kind for kind in attempt.kinds.values() if kind.form == "command"]
     return sum(kind.with_states.bytes for kind in kinds) if kinds else purpose_bytes(attempt, "command", "result")
 
 
-def _state_bytes_per_s(attempt: Attempt) -> float | None:
+def _state_bytes_per_s(attempt: ObservedAttempt) -> float | None:
     """Bytes of states per second; in the message set all bytes while states were measured."""
     kinds = [kind for kind in attempt.kinds.values() if kind.form == "state"]
     seconds = sum(kind.seconds for kind in kinds)
@@ -131,14 +131,14 @@ _LOSSES = {"commands": COMMANDS_LOST, "states": STATES_LOST, "frames": FRAMES_LO
 
 
 @dataclass(frozen=True)
-class Row:
+class QuantityRow:
     """A quantity by protocol; `ratio` is MAVLink's figure over MQTT-XT's, None where there is none.
 
     `test` is the result of the paired permutation test, from six attempts on.
     """
 
     name: str
-    cells: Mapping[str, Figure]
+    cells: Mapping[str, QuantityFigure]
     ratio: float | None = None
     test: str = ""
 
@@ -149,20 +149,20 @@ class Row:
         return max((value for points in scaled for value in points), default=0.0)
 
 
-def row(quantity: Quantity, sides: Sides) -> Row:
+def row(quantity: Quantity, sides: Sides) -> QuantityRow:
     """A quantity's row of both sides."""
     cells = {protocol: quantity.figure(side) for protocol, side in sides.items()}
     test = None if isinstance(quantity, Share) else _test(cells)
     said = f"p {_probability(test['p'])}, effect {test['effect']:.2g}" if test else ""
-    return Row(quantity.name, cells, quantity.ratio(cells), said)
+    return QuantityRow(quantity.name, cells, quantity.ratio(cells), said)
 
 
-def rows(sides: Sides) -> dict[str, Row]:
+def rows(sides: Sides) -> dict[str, QuantityRow]:
     """The row of every compared quantity, by its key."""
     return {quantity.key: row(quantity, sides) for quantity in COMPARED}
 
 
-def of_attempt(attempt: Attempt) -> dict[str, str]:
+def of_attempt(attempt: ObservedAttempt) -> dict[str, str]:
     """The texts of an attempt's row by key, whether completed or failed; a share as two counts."""
     return {
         one.key: one.together([attempt]).counts if isinstance(one, Share) else one.write(one.of(attempt))
@@ -192,7 +192,7 @@ def _completion(side: Side) -> CompletionEntry:
 
 def _spread(quantity: Quantity, sides: Sides) -> dict[str, SpreadEntry | PairedTestEntry | None]:
     found: dict[str, SpreadEntry | PairedTestEntry | None] = {}
-    figures = {protocol: Figure("", None, quantity.points(side)) for protocol, side in sides.items()}
+    figures = {protocol: QuantityFigure("", None, quantity.points(side)) for protocol, side in sides.items()}
     for protocol, one in figures.items():
         found[protocol] = {
             "n": len(one.points),
@@ -204,7 +204,7 @@ def _spread(quantity: Quantity, sides: Sides) -> dict[str, SpreadEntry | PairedT
     return {**found, "test": _test(figures)}
 
 
-def _test(figures: Mapping[str, Figure]) -> PairedTestEntry | None:
+def _test(figures: Mapping[str, QuantityFigure]) -> PairedTestEntry | None:
     """The paired test over the attempts that both sides have."""
     above, below = (figures[name].by_attempt if name in figures else {} for name in (ABOVE, BELOW))
     return paired_test([above[number] - below[number] for number in sorted(set(above) & set(below))])

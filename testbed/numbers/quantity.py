@@ -12,7 +12,7 @@ from functools import cached_property
 from statistics import mean, median
 
 from . import words
-from .observed import NOTHING_SENT, Attempt, Loss, Side
+from .observed import NOTHING_SENT, Loss, ObservedAttempt, Side
 from .statistics import interval
 
 ABOVE, BELOW = "mavlink", "mqttxt"
@@ -20,7 +20,7 @@ ABOVE, BELOW = "mavlink", "mqttxt"
 
 
 @dataclass(frozen=True)
-class Figure:
+class QuantityFigure:
     """A quantity of one side: its text, its value, and each attempt's value by number; `loss` if it is a share."""
 
     text: str
@@ -30,7 +30,7 @@ class Figure:
     loss: Loss | None = None
 
     @classmethod
-    def of_loss(cls, loss: Loss, by_attempt: Mapping[int, float] | None = None) -> Figure:
+    def of_loss(cls, loss: Loss, by_attempt: Mapping[int, float] | None = None) -> QuantityFigure:
         """A share of all that was sent: percent and number sent; where nothing was lost, the 95 % bound."""
         return cls(words.loss(loss.share, loss.known), loss.share, by_attempt or {}, words.share, loss)
 
@@ -82,13 +82,13 @@ class Quantity:
     name: str
     unit: str
     write: Callable[[float | None], str]
-    of: Callable[[Attempt], float | None]
+    of: Callable[[ObservedAttempt], float | None]
     counted: bool = False
 
-    def figure(self, side: Side) -> Figure:
+    def figure(self, side: Side) -> QuantityFigure:
         points = self.points(side)
         middle = median(points.values()) if points else None
-        return Figure(self.write(middle), middle, points, self.write)
+        return QuantityFigure(self.write(middle), middle, points, self.write)
 
     def points(self, side: Side) -> dict[int, float]:
         """The values by attempt number. A failed attempt is censored, that is has no value, except with `counted`."""
@@ -96,7 +96,7 @@ class Quantity:
         found = ((attempt.number, self.of(attempt)) for attempt in attempts)
         return {number: float(value) for number, value in found if value is not None}
 
-    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+    def ratio(self, figures: Mapping[str, QuantityFigure]) -> float | None:
         """MAVLink's figure over MQTT-XT's; None where one is missing or the divisor is zero."""
         if not {ABOVE, BELOW} <= set(figures):
             return None
@@ -107,18 +107,18 @@ class Quantity:
 class Share(Quantity):
     """The share lost: the sum of `count` over all attempts. It has no ratio."""
 
-    count: Callable[[Attempt], Loss] = lambda _: NOTHING_SENT
+    count: Callable[[ObservedAttempt], Loss] = lambda _: NOTHING_SENT
 
-    def figure(self, side: Side) -> Figure:
+    def figure(self, side: Side) -> QuantityFigure:
         return self.together(side.attempts if self.counted else side.completed)
 
-    def together(self, attempts: Sequence[Attempt]) -> Figure:
+    def together(self, attempts: Sequence[ObservedAttempt]) -> QuantityFigure:
         """The share over these attempts, completed or not."""
         loss = sum((self.count(attempt) for attempt in attempts), NOTHING_SENT)
         points = {attempt.number: share for attempt in attempts if (share := self.count(attempt).share) is not None}
-        return Figure.of_loss(loss, points)
+        return QuantityFigure.of_loss(loss, points)
 
-    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+    def ratio(self, figures: Mapping[str, QuantityFigure]) -> float | None:
         return None
 
 
@@ -126,11 +126,11 @@ class Share(Quantity):
 class Completed(Quantity):
     """How many of the attempts that count were completed, and how many are void."""
 
-    def figure(self, side: Side) -> Figure:
+    def figure(self, side: Side) -> QuantityFigure:
         voids = f" ({side.void} void)" if side.void else ""
-        return Figure(f"{len(side.completed)} of {len(side.attempts)}{voids}", float(len(side.completed)))
+        return QuantityFigure(f"{len(side.completed)} of {len(side.attempts)}{voids}", float(len(side.completed)))
 
-    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+    def ratio(self, figures: Mapping[str, QuantityFigure]) -> float | None:
         return None
 
 
@@ -138,20 +138,20 @@ class Completed(Quantity):
 class ByCommand(Quantity):
     """A number of each command. The figure is the least and the greatest of the commands' means over attempts."""
 
-    values: Callable[[Attempt], Mapping[str, float]] = lambda _: {}
+    values: Callable[[ObservedAttempt], Mapping[str, float]] = lambda _: {}
 
-    def figure(self, side: Side) -> Figure:
+    def figure(self, side: Side) -> QuantityFigure:
         found: dict[str, list[float]] = {}
         for attempt in side.completed:
             for command, value in self.values(attempt).items():
                 found.setdefault(command, []).append(value)
         means = sorted(sum(values) / len(values) for values in found.values())
         if not means:
-            return Figure(words.NOTHING)
+            return QuantityFigure(words.NOTHING)
         least, most = self.write(means[0]), self.write(means[-1])
-        return Figure(least if least == most else f"{least} to {most}")
+        return QuantityFigure(least if least == most else f"{least} to {most}")
 
-    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+    def ratio(self, figures: Mapping[str, QuantityFigure]) -> float | None:
         return None
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..plan.headline import LEAST_ATTEMPTS, RATIO, Cell, Line
+from ..plan.headline import LEAST_ATTEMPTS, RATIO, HeadlineCell, HeadlineLine
 from .observed import NO_SIDE, Sides
 from .quantities import DOUBLED, LATE, LONGEST_STATE, QUANTITIES, SUCCESS
 from .quantity import ABOVE, BELOW, Quantity
@@ -29,10 +29,10 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedLine:
     """A line of the table as measured: `points` by attempt, and the attempts without a value in `missing`."""
 
-    line: Line
+    line: HeadlineLine
     quantity: Quantity
     points: Mapping[int, float]
     missing: tuple[int, ...]
@@ -49,12 +49,12 @@ class Judged:
         return NOT_REPRODUCED if self.estimate.high < low or self.estimate.low > high else UNDECIDED
 
 
-def judge(cell: Cell, sides: Sides, seed: int) -> list[Judged]:
+def judge(cell: HeadlineCell, sides: Sides, seed: int) -> list[JudgedLine]:
     """Judge every line of a cell by the attempts of a series that count."""
     return [_judged(line, sides, cell.plan.attempts, seed) for line in cell.lines]
 
 
-def verdict_of(judged: Sequence[Judged]) -> str:
+def verdict_of(judged: Sequence[JudgedLine]) -> str:
     """The verdict over all lines: reproduced if every one is, not reproduced if at least one is not."""
     verdicts = {one.verdict for one in judged}
     if NOT_REPRODUCED in verdicts:
@@ -82,11 +82,11 @@ def paired_ratios(above: Mapping[int, float], below: Mapping[int, float]) -> dic
     return {number: above[number] / below[number] for number in both if above[number] > 0 and below[number] > 0}
 
 
-def _judged(line: Line, sides: Sides, attempts: int, seed: int) -> Judged:
+def _judged(line: HeadlineLine, sides: Sides, attempts: int, seed: int) -> JudgedLine:
     quantity = JUDGED[line.quantity]
     by_side = {name: quantity.points(sides.get(name, NO_SIDE)) for name in (ABOVE, BELOW)}
     is_ratio = line.of == RATIO
     found = paired_ratios(by_side[ABOVE], by_side[BELOW]) if is_ratio else by_side[line.of]
     points = {number: found[number] for number in sorted(found) if number <= attempts}
     missing = tuple(number for number in range(1, attempts + 1) if number not in points)
-    return Judged(line, quantity, points, missing, estimate(tuple(points.values()), seed, ratios=is_ratio))
+    return JudgedLine(line, quantity, points, missing, estimate(tuple(points.values()), seed, ratios=is_ratio))

@@ -19,7 +19,7 @@ _ELF = struct.Struct("<4s14xH")
 
 
 @dataclass(frozen=True)
-class Kind:
+class AutopilotKind:
     """A kind of autopilot: in the folder that `folder_variable` names, or in `folder_in_image` of an image.
 
     `image_variable` names the image; `image` is its default, None if there is none. `program` and `files` are the paths
@@ -72,7 +72,7 @@ def _check_machine(program: Path, said: str) -> None:
 
 
 KINDS = {
-    "px4": Kind(
+    "px4": AutopilotKind(
         folder_variable="PX4_DIR",
         image_variable="PX4_IMAGE",
         image="px4io/px4-sitl:v1.17.0",
@@ -80,7 +80,7 @@ KINDS = {
         program="bin/px4",
         files=("bin/px4-alias.sh", "etc/init.d-posix/rcS", "etc/extras/parameters.json.xz"),
     ),
-    "ardupilot": Kind(
+    "ardupilot": AutopilotKind(
         folder_variable="ARDUPILOT_DIR",
         image_variable="ARDUPILOT_IMAGE",
         image=None,

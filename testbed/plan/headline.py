@@ -19,7 +19,7 @@ LEAST_ATTEMPTS = 3
 
 
 @dataclass(frozen=True)
-class Line:
+class HeadlineLine:
     """The expected figure of a quantity, `of` RATIO or one protocol, and the edges of its `margin`."""
 
     quantity: str
@@ -30,11 +30,11 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Cell:
+class HeadlineCell:
     """A series to be flown, and the lines by which it is judged."""
 
     plan: Plan
-    lines: tuple[Line, ...]
+    lines: tuple[HeadlineLine, ...]
 
     @property
     def name(self) -> str:
@@ -48,7 +48,7 @@ class Headline:
     path: Path
     attempts: int
     seed: int
-    cells: tuple[Cell, ...]
+    cells: tuple[HeadlineCell, ...]
 
 
 def read_headline(path: Path = HEADLINE, attempts: str = "", seed: str = "") -> Headline:
@@ -59,7 +59,7 @@ def read_headline(path: Path = HEADLINE, attempts: str = "", seed: str = "") -> 
     said = read_document(path, SCHEMA_FILE)
     how_often = whole_number("ATTEMPTS", attempts, MOST_ATTEMPTS) if attempts else int(said["attempts"])
     drawn = _seed(seed) if seed else int(said["seed"])
-    cells: list[Cell] = []
+    cells: list[HeadlineCell] = []
     for number, cell in enumerate(said["cells"]):
         where = f"{shown(path)}: cells[{number}]"
         lines = tuple(_line(f"{where}.lines[{at}]", line) for at, line in enumerate(cell["lines"]))
@@ -67,18 +67,18 @@ def read_headline(path: Path = HEADLINE, attempts: str = "", seed: str = "") -> 
             plan = make_plan(cell["experiment"], str(how_often), cell["arm"], cell["profile"])
         except UserError as error:
             raise UserError(f"{where}.profile: {cell['profile']!r}: {error}") from error
-        cells.append(Cell(replace(plan, order_seed=drawn), lines))
+        cells.append(HeadlineCell(replace(plan, order_seed=drawn), lines))
         if len({one.name for one in cells}) < len(cells):
             raise UserError(f"{where}: {cells[-1].name!r}: expected each experiment, arm and profile once")
     return Headline(path, how_often, drawn, tuple(cells))
 
 
-def _line(where: str, said: dict[str, Any]) -> Line:
+def _line(where: str, said: dict[str, Any]) -> HeadlineLine:
     low, high = (float(edge) for edge in said["margin"])
     if not low <= said["expected"] <= high:
         expected = f"two numbers, the lower first, with the expected figure {said['expected']:g} between them"
         raise UserError(f"{where}.margin: {said['margin']}: expected {expected}")
-    return Line(said["quantity"], said["of"], float(said["expected"]), (low, high), said["reason"])
+    return HeadlineLine(said["quantity"], said["of"], float(said["expected"]), (low, high), said["reason"])
 
 
 def _seed(text: str) -> int:

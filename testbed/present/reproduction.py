@@ -12,12 +12,12 @@ from rich.console import Console
 from ..fly.results import Series, write_json, write_text
 from ..numbers import words
 from ..numbers.observed import observe
-from ..numbers.reproduction import Judged, judge, verdict_of
+from ..numbers.reproduction import JudgedLine, judge, verdict_of
 from ..numbers.statistics import significant
 from ..numbers.written import Metrics
 from ..plan import wording
 from ..plan.documents import shown
-from ..plan.headline import RATIO, Cell, Headline
+from ..plan.headline import RATIO, Headline, HeadlineCell
 from .report.figures.files import write_figure
 from .report.figures.margins import margins
 from .report.html import environment, path_of_report
@@ -31,10 +31,10 @@ VERSION = 1
 class Flown:
     """A cell with its measured series and its judged lines."""
 
-    cell: Cell
+    cell: HeadlineCell
     series: Series
     metrics: Metrics
-    judged: tuple[Judged, ...]
+    judged: tuple[JudgedLine, ...]
 
     @property
     def uncounted(self) -> list[str]:
@@ -51,7 +51,7 @@ class Flown:
         return found
 
 
-def flown_of(cell: Cell, series: Series, metrics: Metrics, seed: int) -> Flown:
+def flown_of(cell: HeadlineCell, series: Series, metrics: Metrics, seed: int) -> Flown:
     """Judge a cell by its series."""
     return Flown(cell, series, metrics, tuple(judge(cell, observe(metrics["protocols"]), seed)))
 
@@ -61,23 +61,23 @@ def verdict(flown: Sequence[Flown]) -> str:
     return verdict_of([one for cell in flown for one in cell.judged])
 
 
-def figure_of(judged: Judged, value: float) -> str:
+def figure_of(judged: JudgedLine, value: float) -> str:
     """A value as text: a ratio, or in the quantity's own unit, as its line has it."""
     return words.digits(value) if judged.line.of == RATIO else judged.quantity.write(value)
 
 
-def name_of(judged: Judged) -> str:
+def name_of(judged: JudgedLine) -> str:
     """'bytes: MAVLink over MQTT-XT', 'states lost: MAVLink'."""
     of = judged.line.of
     return f"{judged.quantity.name}: {'MAVLink over MQTT-XT' if of == RATIO else wording.name_of(of)}"
 
 
-def short_name_of(judged: Judged) -> str:
+def short_name_of(judged: JudgedLine) -> str:
     """The name of a line; for a ratio only the quantity, where that it is a ratio is clear."""
     return judged.quantity.name if judged.line.of == RATIO else name_of(judged)
 
 
-def basis_of(judged: Judged) -> str:
+def basis_of(judged: JudgedLine) -> str:
     """The number of attempts or pairs behind a line, and the attempts without a value."""
     what = wording.plural(len(judged.points), "pair" if judged.line.of == RATIO else "attempt")
     left_out = ", ".join(map(str, judged.missing))
@@ -155,7 +155,7 @@ def to_data(headline: Headline, flown: Sequence[Flown]) -> dict[str, Any]:
     }
 
 
-def _line(judged: Judged) -> dict[str, Any]:
+def _line(judged: JudgedLine) -> dict[str, Any]:
     line, found = judged.line, judged.estimate
     return {
         "quantity": line.quantity,
@@ -172,7 +172,7 @@ def _line(judged: Judged) -> dict[str, Any]:
     }
 
 
-def _cells(judged: Judged) -> list[str]:
+def _cells(judged: JudgedLine) -> list[str]:
     found = judged.estimate
     return [
         name_of(judged),
@@ -185,7 +185,7 @@ def _cells(judged: Judged) -> list[str]:
     ]
 
 
-def _between(judged: Judged, low: float, high: float) -> str:
+def _between(judged: JudgedLine, low: float, high: float) -> str:
     return f"{figure_of(judged, low)} to {figure_of(judged, high)}"
 
 

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.core.effects import Publish
 from mqttxt.core.mqtt import packets as mqtt
+from mqttxt.core.mqtt.sn import codec as sn_codec
 from mqttxt.core.mqtt.sn import packets as sn
 from mqttxt.core.mqtt.sn.topic_ids import TopicIds
 from mqttxt.protocol.codec import encode
@@ -51,7 +52,10 @@ class Way:
         if not self.by_datagrams:
             return self.message(topic, payload, expiry_s)
         topic_id = TopicIds().id_of(topic) or 0
-        sizes = [sn.encode(sn.Message(topic_id, payload, qos=1, msg_id=1)), sn.encode(sn.Puback(topic_id, 1))]
+        sizes = [
+            sn_codec.encode(sn.Message(topic_id, payload, qos=1, msg_id=1)),
+            sn_codec.encode(sn.Puback(topic_id, 1)),
+        ]
         return sum(UDP + len(datagram) for datagram in sizes)
 
 

@@ -15,7 +15,7 @@ from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from mqttxt.core.mqtt.sn import packets
+from mqttxt.core.mqtt.sn import codec, packets
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import FogResultMessage, ResultMessage
@@ -185,7 +185,7 @@ def _packet(data: Any, at: int) -> tuple[int, int]:
 
 def _datagram(data: Any) -> tuple[int, int]:
     """The same for a datagram of MQTT-SN."""
-    packet = packets.decode(bytes(data))
+    packet = codec.decode(bytes(data))
     kinds = {packets.Message: _PUBLISH, packets.Puback: _PUBACK}
     return (kinds[type(packet)], packet.msg_id) if isinstance(packet, packets.Message | packets.Puback) else (0, 0)
 

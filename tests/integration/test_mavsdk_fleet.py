@@ -16,7 +16,7 @@ import pytest
 
 from mission import mavsdk_drone, scenarios
 from mission.events import EventLog
-from mission.fleet import MissionError, Result
+from mission.fleet import CommandResult, MissionError
 from mission.mavsdk_fleet import MavsdkFleet
 from mission.steps import Steps
 from tests.rigs.processes import Process, ask_autopilot, eventually, free_port, stand_in
@@ -124,8 +124,8 @@ def _ports(*drones: int) -> dict[int, int]:
     return {drone: free_port(socket.SOCK_DGRAM) for drone in drones}
 
 
-def _completed(*drones: int) -> list[Result]:
-    return [Result(drone, "completed") for drone in drones]
+def _completed(*drones: int) -> list[CommandResult]:
+    return [CommandResult(drone, "completed") for drone in drones]
 
 
 async def test_a_takeoff_altitude_that_is_not_told_at_first_is_asked_for_again(sky: Sky) -> None:
@@ -232,7 +232,7 @@ async def test_an_address_that_cannot_be_used_is_named(sky: Sky) -> None:
 async def test_a_denied_arm_is_one_drones_result(sky: Sky) -> None:
     fleet = await sky.flown(1, 2)
     sky.control("sitl1", {"set": {"healthy": False}})
-    assert await fleet.arm() == [Result(1, "denied", "autopilot"), *_completed(2)]
+    assert await fleet.arm() == [CommandResult(1, "denied", "autopilot"), *_completed(2)]
 
 
 @OTHERS
@@ -246,7 +246,7 @@ async def test_a_router_that_dies_while_a_takeoff_is_flown(sky: Sky) -> None:
     taking_off = asyncio.create_task(fleet.takeoff(10.0))
     await eventually(lambda: sky.is_said(2, "takeoff", "accepted"), "the takeoff was accepted")
     sky.routers[0].kill()
-    assert await taking_off == [*_completed(1), Result(2, "unconfirmed", "heartbeat_lost")]
+    assert await taking_off == [*_completed(1), CommandResult(2, "unconfirmed", "heartbeat_lost")]
     steps = Steps(fleet, EventLog(sky.folder / "steps.jsonl", StringIO()))
     with pytest.raises(MissionError, match=r"^hold: drone 2: heartbeats stopped$"):
         await steps.hold(60)
@@ -259,7 +259,7 @@ async def test_a_vehicle_that_freezes_leaves_its_command_unconfirmed_and_keeps_i
     await fleet.takeoff(LOW_M)
     before = len(_intervals(sky, 1))
     sky.sitls["sitl1"].stall()
-    assert await fleet.land() == [Result(1, "unconfirmed", "timeout"), *_completed(2)]
+    assert await fleet.land() == [CommandResult(1, "unconfirmed", "timeout"), *_completed(2)]
     sky.sitls["sitl1"].go_on()
     await eventually(lambda: _intervals(sky, 1)[before:][-1:] == [0.0], "what MAVSDK asks for by itself is put back")
 
@@ -267,7 +267,7 @@ async def test_a_vehicle_that_freezes_leaves_its_command_unconfirmed_and_keeps_i
 async def test_a_lost_acknowledgement_is_unconfirmed(sky: Sky) -> None:
     fleet = await sky.flown(1)
     sky.control("sitl1", {"set": {"mute": ["COMMAND_ACK"]}})
-    assert await fleet.arm() == [Result(1, "unconfirmed", "timeout")]
+    assert await fleet.arm() == [CommandResult(1, "unconfirmed", "timeout")]
     await eventually(lambda: len(sky.commands(1, ARM)) >= 4, "MAVSDK sends a command four times")
     assert len(sky.commands(1, ARM)) == 4
 

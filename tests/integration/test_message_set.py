@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from mission.events import EventLog
-from mission.fleet import MessageFleet, MissionError, Result
+from mission.fleet import CommandResult, MessageFleet, MissionError
 from mission.mavsdk_messages import MavsdkMessageFleet
 from mission.message_set import COMMANDS, STATES, MessageSet
 from mission.mqttxt_messages import MqttxtMessageFleet
@@ -49,7 +49,7 @@ class Deaf(SideChannel):
     def listen(self, fleet: MessageFleet) -> None:
         call = fleet.call
 
-        async def deaf(number: int, name: str) -> Result:
+        async def deaf(number: int, name: str) -> CommandResult:
             await self.set(mute=["COMMAND_ACK"] if name == "land" else [])
             result = await call(number, name)
             await self.set(mute=[])

@@ -16,7 +16,7 @@ from rich.console import Console
 from testbed.fly import runner
 from testbed.fly.campaign.certificate import make_certificate, security_of
 from testbed.fly.campaign.machines import fly_on_machines
-from testbed.fly.campaign.run import Steps
+from testbed.fly.campaign.run import SeriesSteps
 from testbed.fly.results import Series
 from testbed.fly.runner import Begun, run_series
 from testbed.fly.validity import Verdict
@@ -46,7 +46,7 @@ def fly_quickly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Ver
     return run_series(plan, series, Quiet(), _Slow([]), begun)
 
 
-QUICKLY = Steps(fly_quickly, count_attempts)
+QUICKLY = SeriesSteps(fly_quickly, count_attempts)
 
 
 class Machines:

@@ -8,6 +8,6 @@ losses     after a run: random loss from the shaper's counters
 """
 
 from .calibrate import Calibration, calibrate
-from .losses import Loss, check_losses, measure_losses
+from .losses import LinkLoss, check_losses, measure_losses
 
-__all__ = ["Calibration", "Loss", "calibrate", "check_losses", "measure_losses"]
+__all__ = ["Calibration", "LinkLoss", "calibrate", "check_losses", "measure_losses"]

@@ -18,9 +18,9 @@ from ...plan.profiles.resolve import LinksPlan
 from ...plan.profiles.units import show_rate
 from ...plan.topology import Topology
 from . import estimate
-from .estimate import Row
-from .expected import VALUES_A_SLOT, Delays, Interval, arriving, rate_bps
-from .schedule import DELAY, RATE, Flow, Schedule, make_schedule
+from .estimate import ArrivedProbe
+from .expected import VALUES_A_SLOT, ExpectedDelays, Interval, arriving, rate_bps
+from .schedule import DELAY, RATE, CalibrationFlow, CalibrationSchedule, make_schedule
 
 VERSION = 1
 FIGURES = ("delay_ms", "jitter_ms", "rate_bps")
@@ -134,11 +134,11 @@ def calibrate(
 
 
 @dataclass(frozen=True)
-class Arrivals:
+class FlowResult:
     """The result of one flow: probes sent, those that arrived, each once, and how many frames their node missed."""
 
     sent: int
-    rows: tuple[Row, ...]
+    rows: tuple[ArrivedProbe, ...]
     missed: int = 0
 
     @property
@@ -148,8 +148,8 @@ class Arrivals:
 
 
 def run_schedule(
-    schedule: Schedule, run_in_node: RunInNode, ahead_ns: Mapping[str, int] | None = None
-) -> dict[int, Arrivals]:
+    schedule: CalibrationSchedule, run_in_node: RunInNode, ahead_ns: Mapping[str, int] | None = None
+) -> dict[int, FlowResult]:
     """Carry out a schedule on its nodes; returns the arrivals by flow. `ahead_ns` as in `calibrate`.
 
     Raises FleetError, or its subclass ProbesLate if a probe began too late each time.
@@ -171,7 +171,7 @@ def run_schedule(
 
 
 def _run_once(
-    schedule: Schedule, run_in_node: RunInNode, lead_s: float, ahead_ns: Mapping[str, int]
+    schedule: CalibrationSchedule, run_in_node: RunInNode, lead_s: float, ahead_ns: Mapping[str, int]
 ) -> dict[str, dict[str, Any]]:
     run = random.SystemRandom().getrandbits(RUN_BITS)
     begin_ns = time.time_ns() + int(lead_s * 1e9)
@@ -193,19 +193,23 @@ def _run_once(
 
 
 def _arrivals(
-    schedule: Schedule, said: Mapping[str, Mapping[str, Any]], ahead_ns: Mapping[str, int]
-) -> dict[int, Arrivals]:
+    schedule: CalibrationSchedule, said: Mapping[str, Mapping[str, Any]], ahead_ns: Mapping[str, int]
+) -> dict[int, FlowResult]:
     found = {}
     for flow in schedule.flows:
         there, number = said[flow.destination], str(flow.number)
         came = there["arrived"].get(number, {"rows": []})["rows"]
         late_ns = ahead_ns.get(flow.destination, 0) - ahead_ns.get(flow.source, 0)
-        rows = estimate.first_copies(Row(row, sent_ns + late_ns, received_ns) for row, sent_ns, received_ns in came)
-        found[flow.number] = Arrivals(said[flow.source]["sent"].get(number, 0), tuple(rows), there["overflowed"])
+        rows = estimate.first_copies(
+            ArrivedProbe(row, sent_ns + late_ns, received_ns) for row, sent_ns, received_ns in came
+        )
+        found[flow.number] = FlowResult(said[flow.source]["sent"].get(number, 0), tuple(rows), there["overflowed"])
     return found
 
 
-def checks_of(plan: LinksPlan, schedule: Schedule, arrived: Mapping[int, Arrivals], only: Iterable[str]) -> list[Check]:
+def checks_of(
+    plan: LinksPlan, schedule: CalibrationSchedule, arrived: Mapping[int, FlowResult], only: Iterable[str]
+) -> list[Check]:
     """Check every figure of the links in `only`."""
     flows = {(flow.link, flow.purpose): flow for flow in schedule.flows}
     found: list[Check] = []
@@ -229,8 +233,8 @@ def checks_of(plan: LinksPlan, schedule: Schedule, arrived: Mapping[int, Arrival
     return found
 
 
-def _delay_checks(link: LinkPlan, flow: Flow, came: Arrivals) -> list[Check]:
-    delays = Delays(link)
+def _delay_checks(link: LinkPlan, flow: CalibrationFlow, came: FlowResult) -> list[Check]:
+    delays = ExpectedDelays(link)
     lasts_s = flow.count * flow.every_s
     sending_ms = flow.frame_bytes * 8e3 / link.rate_bps if link.rate_bps else 0.0
     found = estimate.delay_figures(came.rows, sending_ms) if _enough(link, came) else None
@@ -245,7 +249,7 @@ def _delay_checks(link: LinkPlan, flow: Flow, came: Arrivals) -> list[Check]:
     ]
 
 
-def _rate_check(link: LinkPlan, flow: Flow, came: Arrivals) -> Check:
+def _rate_check(link: LinkPlan, flow: CalibrationFlow, came: FlowResult) -> Check:
     share = arriving(link)
     if flow.overfills:
         measured = estimate.rate_when_overfilled(came.rows, flow.burst, flow.frame_bytes, share)
@@ -267,7 +271,7 @@ def _slope_error(link: LinkPlan, lasts_s: float) -> float:
     return jitter_s / lasts_s * math.sqrt(12 / values)
 
 
-def _enough(link: LinkPlan, came: Arrivals) -> bool:
+def _enough(link: LinkPlan, came: FlowResult) -> bool:
     """Whether at least half of the expected probes arrived."""
     return len(came.rows) >= came.sent * arriving(link) / 2
 

@@ -14,8 +14,8 @@ from typing import Any
 
 from ...plan.fleet import Fleet
 from ...plan.machines import Machine
-from .calibrate import Arrivals, RunInNode, run_schedule
-from .schedule import DELAY, Flow, Schedule
+from .calibrate import FlowResult, RunInNode, run_schedule
+from .schedule import DELAY, CalibrationFlow, CalibrationSchedule
 
 NET, HERE, HERE_NODE = "net", "this machine", "gs"
 COUNT, EVERY_S, AFTER_S = 60, 0.02, 0.3
@@ -24,7 +24,7 @@ FURTHEST_MS = 50.0
 
 
 @dataclass(frozen=True)
-class Way:
+class MachineClock:
     """The round trip from `net` to a machine's nodes, and how far its clock is ahead; ms, None if no probe arrived."""
 
     machine: str
@@ -47,7 +47,7 @@ class Way:
         return asdict(self)
 
 
-def measure_ways(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNode) -> tuple[Way, ...]:
+def measure_clocks(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNode) -> tuple[MachineClock, ...]:
     """Measure the way to this machine, for comparison, then to each of `machines`; empty without any. Takes about 2 s.
 
     Raises FleetError if a probe cannot be run or does not begin in time.
@@ -55,25 +55,27 @@ def measure_ways(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNo
     if not machines:
         return ()
     nodes = {HERE: (HERE_NODE,), **{machine.name: machine.nodes for machine in machines}}
-    flows: list[Flow] = []
+    flows: list[CalibrationFlow] = []
     for place, (first, *_) in enumerate(nodes.values()):
         at_s = round(place * EVERY_S / len(nodes), 6)
         ends = ((NET, first, fleet.address(first)), (first, NET, fleet.gateway(first)))
-        flows += [Flow(2 * place + way, first, DELAY, *end, at_s, EVERY_S, COUNT) for way, end in enumerate(ends)]
-    schedule = Schedule(tuple(flows), COUNT * EVERY_S + AFTER_S)
+        flows += [
+            CalibrationFlow(2 * place + way, first, DELAY, *end, at_s, EVERY_S, COUNT) for way, end in enumerate(ends)
+        ]
+    schedule = CalibrationSchedule(tuple(flows), COUNT * EVERY_S + AFTER_S)
     came = run_schedule(schedule, run_in_node)
     return tuple(
-        _way(name, own, came[2 * place], came[2 * place + 1]) for place, (name, own) in enumerate(nodes.items())
+        _clock(name, own, came[2 * place], came[2 * place + 1]) for place, (name, own) in enumerate(nodes.items())
     )
 
 
-def ahead_ns(ways: Sequence[Way]) -> Mapping[str, int]:
+def ahead_ns(clocks: Sequence[MachineClock]) -> Mapping[str, int]:
     """By node how far its clock is ahead of that of `net`, ns."""
-    return {node: round((way.ahead_ms or 0.0) * 1e6) for way in ways for node in way.nodes}
+    return {node: round((clock.ahead_ms or 0.0) * 1e6) for clock in clocks for node in clock.nodes}
 
 
-def _way(machine: str, nodes: tuple[str, ...], out: Arrivals, back: Arrivals) -> Way:
+def _clock(machine: str, nodes: tuple[str, ...], out: FlowResult, back: FlowResult) -> MachineClock:
     there, here = ([(row.received_ns - row.sent_ns) / 1e6 for row in came.rows] for came in (out, back))
     if not there or not here:
-        return Way(machine, nodes, None, None)
-    return Way(machine, nodes, round(median(there) + median(here), 3), round((min(there) - min(here)) / 2, 3))
+        return MachineClock(machine, nodes, None, None)
+    return MachineClock(machine, nodes, round(median(there) + median(here), 3), round((min(there) - min(here)) / 2, 3))

@@ -14,7 +14,7 @@ FEWEST = 5
 
 
 @dataclass(frozen=True)
-class Row:
+class ArrivedProbe:
     """A probe that arrived; times in ns since the beginning of the calibration."""
 
     number: int
@@ -34,9 +34,9 @@ class DelayFigures:
     """From 10 % to 90 %."""
 
 
-def first_copies(rows: Iterable[Row]) -> list[Row]:
+def first_copies(rows: Iterable[ArrivedProbe]) -> list[ArrivedProbe]:
     """The first copy of each probe, sorted by number."""
-    found: dict[int, Row] = {}
+    found: dict[int, ArrivedProbe] = {}
     for row in rows:
         known = found.get(row.number)
         if known is None or row.received_ns < known.received_ns:
@@ -44,7 +44,7 @@ def first_copies(rows: Iterable[Row]) -> list[Row]:
     return [found[number] for number in sorted(found)]
 
 
-def delay_figures(rows: Sequence[Row], sending_ms: float) -> DelayFigures | None:
+def delay_figures(rows: Sequence[ArrivedProbe], sending_ms: float) -> DelayFigures | None:
     """The delay figures of probes; None if too few arrived."""
     if len(rows) < FEWEST:
         return None
@@ -61,7 +61,7 @@ def delay_figures(rows: Sequence[Row], sending_ms: float) -> DelayFigures | None
     )
 
 
-def rate_when_overfilled(rows: Sequence[Row], burst: int, frame_bytes: int, arriving: float) -> float | None:
+def rate_when_overfilled(rows: Sequence[ArrivedProbe], burst: int, frame_bytes: int, arriving: float) -> float | None:
     """The rate in bit/s at which a link with a full queue accepted frames, by the send times of those that arrived.
 
     It is taken from the last frame of the `burst` that filled the queue to the last frame of all. At both the queue is
@@ -76,7 +76,7 @@ def rate_when_overfilled(rows: Sequence[Row], burst: int, frame_bytes: int, arri
     return len(paced) * frame_bytes * 8 / lasts_s / arriving
 
 
-def rate_when_received(rows: Sequence[Row], frame_bytes: int) -> float | None:
+def rate_when_received(rows: Sequence[ArrivedProbe], frame_bytes: int) -> float | None:
     """The rate in bit/s, by the arrival times of frames that were queued one after the other.
 
     A missing number was lost after it had been sent, so it has used the rate.
@@ -89,5 +89,5 @@ def rate_when_received(rows: Sequence[Row], frame_bytes: int) -> float | None:
     return frame_bytes * 8 / each_s if each_s > 0 else None
 
 
-def _number(row: Row) -> int:
+def _number(row: ArrivedProbe) -> int:
     return row.number

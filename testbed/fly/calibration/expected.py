@@ -47,7 +47,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Delays:
+class ExpectedDelays:
     """The distribution of a link's delays in ms, without the time of sending a frame at the link's rate."""
 
     link: LinkPlan

@@ -26,7 +26,7 @@ OUTSIDE = 0.001
 
 
 @dataclass(frozen=True)
-class Loss:
+class LinkLoss:
     """A link's random loss: `lost` of the `frames` that could be lost; `note` says why the link is not judged."""
 
     link: str
@@ -64,7 +64,7 @@ def check_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collecti
     return tuple(loss.off for loss in measure_losses(plan, counters, changed) if loss.off is not None)
 
 
-def measure_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[Loss, ...]:
+def measure_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[LinkLoss, ...]:
     """The random loss of every link of the plan. `counters` is counters.json; `changed` are links changed by hand.
 
     Links whose loss an event or a person changes are not judged: it is not counted which frames met which loss. Frames
@@ -78,15 +78,15 @@ def measure_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collec
     losses = []
     for name, link in plan.links.items():
         if name in eventful:
-            losses.append(Loss(name, link.loss, note="its loss changes by events"))
+            losses.append(LinkLoss(name, link.loss, note="its loss changes by events"))
         elif name in changed or name.rpartition(":")[0] in changed:
-            losses.append(Loss(name, link.loss, note="changed by hand"))
+            losses.append(LinkLoss(name, link.loss, note="changed by hand"))
         elif name not in found:
-            losses.append(Loss(name, link.loss, note="not counted"))
+            losses.append(LinkLoss(name, link.loss, note="not counted"))
         else:
             lost, frames = found[name]["random"], found[name]["random"] + found[name]["left"]
             lowest, highest = binomial_interval(frames, vanishing(link), outside)
-            losses.append(Loss(name, link.loss, lost, frames, lowest, highest))
+            losses.append(LinkLoss(name, link.loss, lost, frames, lowest, highest))
     return tuple(losses)
 
 

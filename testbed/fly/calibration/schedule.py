@@ -55,7 +55,7 @@ DOWN = "down"
 
 
 @dataclass(frozen=True)
-class Flow:
+class CalibrationFlow:
     """Probes of one directed link. `overfills`: the rate is taken from send times, not from arrival times."""
 
     number: int
@@ -85,10 +85,10 @@ class Flow:
 
 
 @dataclass(frozen=True)
-class Schedule:
+class CalibrationSchedule:
     """All flows, the time by which the last frame has arrived, and by (link, figure) why it is not probed."""
 
-    flows: tuple[Flow, ...]
+    flows: tuple[CalibrationFlow, ...]
     length_s: float
     unprobed: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
@@ -105,14 +105,14 @@ class Schedule:
 
 def make_schedule(
     plan: LinksPlan, topology: Topology, closed: Mapping[str, str], only: frozenset[str], again: int = 0
-) -> Schedule:
+) -> CalibrationSchedule:
     """Schedule probes of the links in `only`; `closed` has, by link as sense:uav1, why it passes nothing.
 
     `again` is how often they were probed before.
     """
     unprobed = dict(_unprobed(plan, closed))
     wanted = [name for name in plan.links if name in only and (name, DELAY) not in unprobed]
-    flows: list[Flow] = []
+    flows: list[CalibrationFlow] = []
     for place, name in enumerate(wanted):
         ends = _ends(topology, name)
         flows.append(_delay_flow(plan.links[name], ends, len(flows), name, place / max(1, len(wanted))))
@@ -128,13 +128,13 @@ def make_schedule(
             last_s = max(last_s, flow.sent_s + _drain_s(flow, plan.links[name]))
         free_s = last_s
     length_s = max((_arrived_s(flow, plan.links[flow.link]) for flow in flows), default=0.0)
-    return Schedule(tuple(flows), round(length_s, 3), unprobed)
+    return CalibrationSchedule(tuple(flows), round(length_s, 3), unprobed)
 
 
-def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) -> Schedule:
+def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) -> CalibrationSchedule:
     """Schedule frames on every lossy link, so that the shaper's counters show the loss; the frames measure nothing."""
     wanted = [name for name, link in plan.links.items() if link.loss and not _closed(name, closed)]
-    flows: list[Flow] = []
+    flows: list[CalibrationFlow] = []
     for number, name in enumerate(wanted):
         link = plan.links[name]
         ways = 1 if link.shared_with is None else 2
@@ -142,9 +142,9 @@ def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) ->
         fewest, most = LOAD_FRAMES
         count = min(max(fewest, min(most, math.ceil(LOAD_LOSSES / link.loss))), int(LONGEST_LOAD_S / every_s))
         at_s = round(every_s * number / len(wanted), 6)
-        flows.append(Flow(number, name, LOAD, *_ends(topology, name), at_s, round(every_s, 9), count))
+        flows.append(CalibrationFlow(number, name, LOAD, *_ends(topology, name), at_s, round(every_s, 9), count))
     length_s = max((_arrived_s(flow, plan.links[flow.link]) for flow in flows), default=0.0)
-    return Schedule(tuple(flows), round(length_s, 3))
+    return CalibrationSchedule(tuple(flows), round(length_s, 3))
 
 
 def _closed(name: str, closed: Mapping[str, str]) -> str | None:
@@ -186,7 +186,7 @@ def _ends(topology: Topology, name: str) -> tuple[str, str, str]:
     return source, destination, next(node.address for node in topology.nodes if node.name == destination)
 
 
-def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: str, phase: float) -> Flow:
+def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: str, phase: float) -> CalibrationFlow:
     """Delay probes, far enough apart that none overtakes another or waits for another to be sent."""
     jitter_s = link.jitter_us / 1e6
     sending_s = _sending_s(link, SMALLEST_FRAME)
@@ -196,7 +196,7 @@ def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: s
     count = math.ceil(lasts_s / every_s / arriving(link))
     if link.shared_with is not None:  # the other direction's probes are sent halfway between
         phase = 0.5 * name.endswith(f":{DOWN}")
-    return Flow(number, name, DELAY, *ends, round(phase * every_s, 6), round(every_s, 6), count)
+    return CalibrationFlow(number, name, DELAY, *ends, round(phase * every_s, 6), round(every_s, 6), count)
 
 
 def _rate_groups(plan: LinksPlan, names: list[str]) -> Iterator[list[str]]:
@@ -211,19 +211,19 @@ def _rate_groups(plan: LinksPlan, names: list[str]) -> Iterator[list[str]]:
 
 def _rate_flow(
     link: LinkPlan, ends: tuple[str, str, str], number: int, name: str, at_s: float, briefest_s: float
-) -> Flow:
+) -> CalibrationFlow:
     assert link.queue_packets is not None
     at_s = round(at_s, 6)
     if not _can_fill(link):
         wanted = int(80 * link.jitter_us / 1e6 / _sending_s(link, SMALLEST_RATE_FRAME))
         count = min(link.queue_packets, max(FEWEST_FRAMES, min(wanted, 1_000)))
-        return Flow(number, name, RATE, *ends, at_s, 0.0, count, SMALLEST_RATE_FRAME, burst=count)
+        return CalibrationFlow(number, name, RATE, *ends, at_s, 0.0, count, SMALLEST_RATE_FRAME, burst=count)
     size, frames = _rate_size(link)
     frames = max(frames, math.ceil(briefest_s / _sending_s(link, size)))
     every_s = _sending_s(link, size) / OFFER
     burst = math.ceil(OVERFILL * link.queue_packets) + SPARE_FRAMES
     count = burst + math.ceil(frames * OFFER)
-    return Flow(number, name, RATE, *ends, at_s, round(every_s, 9), count, size, burst, overfills=True)
+    return CalibrationFlow(number, name, RATE, *ends, at_s, round(every_s, 9), count, size, burst, overfills=True)
 
 
 def _can_fill(link: LinkPlan) -> bool:
@@ -246,12 +246,12 @@ def _sending_s(link: LinkPlan, frame_bytes: int) -> float:
     return 0.0 if link.rate_bps is None else frame_bytes * 8 / link.rate_bps
 
 
-def _drain_s(flow: Flow, link: LinkPlan) -> float:
+def _drain_s(flow: CalibrationFlow, link: LinkPlan) -> float:
     """How long the link goes on sending after the last probe was sent to it."""
     waiting = min(flow.count, link.queue_packets or flow.count) if flow.purpose == RATE else 2
     return waiting * _sending_s(link, flow.frame_bytes)
 
 
-def _arrived_s(flow: Flow, link: LinkPlan) -> float:
+def _arrived_s(flow: CalibrationFlow, link: LinkPlan) -> float:
     far_s = (link.delay_us + WIDEST_JITTER * link.jitter_us) / 1e6
     return flow.sent_s + _drain_s(flow, link) + far_s + 5 * PAUSE_S

@@ -17,8 +17,8 @@ from ...errors import Interrupted, SchedulerEnded, UserError
 from ...plan.experiments import Plan
 from ..resume import next_number
 from .estimate import in_words
-from .pushing import Arrived, Store
-from .run import Job, Steps, fly_job, job_of, name_of, said_first, said_given_up, seconds_of
+from .pushing import ArrivedSeries, Store
+from .run import Job, SeriesSteps, fly_job, job_of, name_of, said_first, said_given_up, seconds_of
 from .worker import SERIES_AT_ONCE, TOPIC, carry_out, end_flights, in_a_process, no_pages, terms
 
 RETRIES = 2
@@ -28,7 +28,7 @@ _ENDED = "the scheduler has ended; what has arrived is kept"
 
 
 def fly_on_machines(
-    plans: Sequence[Plan], root: Path, console: Console, steps: Steps, address: str, security: Security
+    plans: Sequence[Plan], root: Path, console: Console, steps: SeriesSteps, address: str, security: Security
 ) -> bool:
     """As `fly_all`, on all workers of a scheduler; returns whether all numbers of all plans are counted.
 
@@ -107,7 +107,9 @@ class _Flights:
     every series that waits there.
     """
 
-    def __init__(self, client: Client, store: Any, console: Console, root: Path, steps: Steps, address: str) -> None:
+    def __init__(
+        self, client: Client, store: Any, console: Console, root: Path, steps: SeriesSteps, address: str
+    ) -> None:
         self._client, self._store, self._console, self._root, self._steps = client, store, console, root, steps
         self._terms = terms()
         self._address = address
@@ -166,7 +168,7 @@ class _Flights:
         except Exception as error:  # noqa: BLE001 - an error on a machine ends only its series
             said = f"{name_of(job.plan)}: {error}"
         else:
-            if isinstance(found, Arrived):
+            if isinstance(found, ArrivedSeries):
                 where = f"{found.files} files, {found.size / 1e6:.1f} MB, in {self._root / found.series}"
                 self._say(f"{found.machine}: {name_of(job.plan)}: {place} done: {where}{self._left(lacking)}")
                 return list(found.troubles)

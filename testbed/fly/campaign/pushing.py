@@ -19,7 +19,7 @@ INCOMING = ".incoming"
 
 
 @dataclass(frozen=True)
-class Arrived:
+class ArrivedSeries:
     """A complete series in the campaign's results folder.
 
     `series` is its path below that folder, `troubles` has a line for each number that was given up.
@@ -50,10 +50,10 @@ def files_of(folder: Path) -> tuple[File, ...]:
 class Receiver(Protocol):
     """A `Store` as the sender of a series sees it."""
 
-    def there(self, name: str) -> Arrived | None: ...
+    def there(self, name: str) -> ArrivedSeries | None: ...
     def begin(self, series: str, files: tuple[File, ...]) -> str: ...
     def put(self, token: str, path: str, offset: int, data: bytes) -> None: ...
-    def finish(self, token: str, name: str, machine: str, troubles: tuple[str, ...]) -> Arrived: ...
+    def finish(self, token: str, name: str, machine: str, troubles: tuple[str, ...]) -> ArrivedSeries: ...
 
 
 class Store:
@@ -65,12 +65,12 @@ class Store:
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._there: dict[str, Arrived] = {}
+        self._there: dict[str, ArrivedSeries] = {}
         self._announced: dict[str, tuple[str, dict[str, File]]] = {}
         self._begun = 0
         shutil.rmtree(root / INCOMING, ignore_errors=True)
 
-    def there(self, name: str) -> Arrived | None:
+    def there(self, name: str) -> ArrivedSeries | None:
         """The series that has arrived under a name, if any."""
         return self._there.get(name)
 
@@ -98,7 +98,7 @@ class Store:
             out.seek(offset)
             out.write(data)
 
-    def finish(self, token: str, name: str, machine: str, troubles: tuple[str, ...]) -> Arrived:
+    def finish(self, token: str, name: str, machine: str, troubles: tuple[str, ...]) -> ArrivedSeries:
         """Put the series into its place if every file is as announced; returns the series that arrived under the name.
 
         Raises ResultsError for the first file that is not as announced; the series is then dropped.
@@ -112,13 +112,15 @@ class Store:
                 point_latest(placed)
                 size = sum(file.size for file in files.values())
                 path = placed.path.relative_to(self._root).as_posix()
-                self._there[name] = Arrived(path, machine, len(files), size, troubles)
+                self._there[name] = ArrivedSeries(path, machine, len(files), size, troubles)
         finally:
             shutil.rmtree(staged, ignore_errors=True)
         return self._there[name]
 
 
-def push(series: Series, root: Path, name: str, machine: str, troubles: Sequence[str], store: Receiver) -> Arrived:
+def push(
+    series: Series, root: Path, name: str, machine: str, troubles: Sequence[str], store: Receiver
+) -> ArrivedSeries:
     """Push a series that is below `root`; returns the one that arrived under the name, from this machine or another."""
     files = files_of(series.path)
     token = store.begin(series.path.relative_to(root).as_posix(), files)

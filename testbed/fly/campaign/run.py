@@ -26,7 +26,7 @@ Report = Callable[[Path], object]
 
 
 @dataclass(frozen=True)
-class Steps:
+class SeriesSteps:
     """The functions that fly and measure a series. They are module-level, so that other processes can call them."""
 
     fly: Fly

@@ -27,8 +27,8 @@ from ...plan.experiments import Plan
 from ...plan.overrides import suffix
 from ..manifest import revision
 from ..resume import otherwise
-from .pushing import Arrived, push, remove
-from .run import Job, Steps, fly_job, job_of, name_of
+from .pushing import ArrivedSeries, push, remove
+from .run import Job, SeriesSteps, fly_job, job_of, name_of
 
 FLIGHT = "flight"
 SERIES_AT_ONCE = 2
@@ -79,7 +79,7 @@ def terms() -> str:
     return f"series at {commit}{' with changes' if now['dirty'] else ''}{suffix(os.environ)}"
 
 
-def carry_out(plan: Plan, name: str, actor: Any, steps: Steps) -> Arrived | str:
+def carry_out(plan: Plan, name: str, actor: Any, steps: SeriesSteps) -> ArrivedSeries | str:
     """Fly, measure and push a plan's series, or return a line that says why it cannot be flown.
 
     A partial series on this machine is resumed, as on a single machine, if it is of the present revision. Raises
@@ -88,7 +88,7 @@ def carry_out(plan: Plan, name: str, actor: Any, steps: Steps) -> Arrived | str:
     worker, store = get_worker(), Remote(actor)
     home = worker.plugins[Home.name]
     assert isinstance(home, Home)
-    there: Arrived | None = store.there(name)
+    there: ArrivedSeries | None = store.there(name)
     if there is not None:
         return there
     fly, report = _as_task(_flight, steps.fly, needs={FLIGHT: 1}), _as_task(in_a_process, steps.report, needs={})

@@ -35,7 +35,7 @@ from scapy.fields import (
 from scapy.layers.inet import UDP
 from scapy.packet import Packet, Raw, bind_layers, split_layers
 
-from .mavlink_fields import Number, Numbers, Text
+from .mavlink_fields import CharArray, Number, NumberArray
 
 PORTS = tuple(range(14540, 14831))
 """UDP ports that PX4, MAVSDK, ground stations and the testbed's routers use, for drones 1 to 250."""
@@ -100,9 +100,9 @@ def _fields_of(table: Any) -> list[Field[Any, Any]]:
         kind, count = table.fieldtypes[place], table.array_lengths[table.ordered_fieldnames.index(name)]
         unit = table.fieldunits_by_name.get(name, "")
         if kind == "char" and count:
-            found.append(Text(name, count))
+            found.append(CharArray(name, count))
         elif count:
-            found.append(Numbers(name, kind, count, unit))
+            found.append(NumberArray(name, kind, count, unit))
         else:
             values = dialect.enums.get(table.fieldenums_by_name.get(name), {})
             names = {n: entry.name for n, entry in values.items() if not entry.name.endswith("_ENUM_END")}

@@ -52,7 +52,7 @@ class Number(Field[Any, Any]):
         return f"{x} ({name})" if name is not None else f"{x} {self.unit}".rstrip()
 
 
-class Numbers(Field[Any, Any]):
+class NumberArray(Field[Any, Any]):
     """An array of numbers, of the length in common.xml; missing ones are 0."""
 
     __slots__ = ["count", "unit"]
@@ -82,7 +82,7 @@ class Numbers(Field[Any, Any]):
         return f"[{inner}] {self.unit}".rstrip()
 
 
-class Text(Field[Any, Any]):
+class CharArray(Field[Any, Any]):
     """A char array: bytes of its full length, shown up to the first zero byte."""
 
     __slots__: list[str] = []

@@ -35,7 +35,7 @@ from .mqtt5_base import KINDS as KINDS
 from .mqtt5_base import MQTT as MQTT
 from .mqtt5_base import fixed_header, packet_fields, reason_and_properties
 from .mqtt5_codes import DISCONNECT_REASONS, REASONS, RETAIN_HANDLING, SUBSCRIBE_REASONS
-from .mqtt5_fields import Binary, Properties, Text
+from .mqtt5_fields import Binary, Properties, Utf8String
 
 PORT = 1883
 
@@ -55,7 +55,7 @@ class Connect(MQTT):
     fields_desc = packet_fields(
         1,
         0,
-        Text("protocol_name", "MQTT"),
+        Utf8String("protocol_name", "MQTT"),
         ByteField("protocol_version", 5),
         BitField("user_name_flag", 0, 1),
         BitField("password_flag", 0, 1),
@@ -66,11 +66,11 @@ class Connect(MQTT):
         BitField("reserved", 0, 1),
         ShortField("keep_alive", 60),
         ConditionalField(Properties(), _is_version_5),
-        Text("client_id"),
+        Utf8String("client_id"),
         ConditionalField(Properties("will_properties"), lambda pkt: _if("will_flag")(pkt) and _is_version_5(pkt)),
-        ConditionalField(Text("will_topic"), _if("will_flag")),
+        ConditionalField(Utf8String("will_topic"), _if("will_flag")),
         ConditionalField(Binary("will_message"), _if("will_flag")),
-        ConditionalField(Text("user_name"), _if("user_name_flag")),
+        ConditionalField(Utf8String("user_name"), _if("user_name_flag")),
         ConditionalField(Binary("password"), _if("password_flag")),
     )
 
@@ -96,7 +96,7 @@ class Publish(MQTT):
     fields_desc = fixed_header(
         3,
         [BitField("dup", 0, 1), BitField("qos", 0, 2), BitField("retain", 0, 1)],
-        Text("topic"),
+        Utf8String("topic"),
         ConditionalField(ShortField("packet_id", 1), _if("qos")),
         Properties(),
         StrField("message", b""),
@@ -140,7 +140,7 @@ class Subscription(Packet):
 
     name = "subscription"
     fields_desc = [
-        Text("filter"),
+        Utf8String("filter"),
         BitField("reserved", 0, 2),
         BitEnumField("retain_handling", 0, 2, RETAIN_HANDLING),
         BitField("retain_as_published", 0, 1),
@@ -179,7 +179,7 @@ class Unsubscribe(MQTT):
 
     name = "MQTT UNSUBSCRIBE"
     fields_desc = packet_fields(
-        10, 2, ShortField("packet_id", 1), Properties(), FieldListField("filters", [], Text(""))
+        10, 2, ShortField("packet_id", 1), Properties(), FieldListField("filters", [], Utf8String(""))
     )
 
 

@@ -193,7 +193,7 @@ class Binary(Field[Any, Any]):
         return s[end:], value
 
 
-class Text(Binary):
+class Utf8String(Binary):
     """Text after its length; bytes that are not UTF-8 are kept as surrogates, so that none is lost."""
 
     __slots__: list[str] = []

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ..attempt_entry import Delays, Receipts, Summary
+from ..attempt_entry import DelaysEntry, Receipts, Summary
 from .exchange import calls_in
 from .mavlink import CALLS
 from .window import Window
@@ -137,7 +137,7 @@ def received_ms(
     return dict(sorted(found.items()))
 
 
-def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, Delays]:
+def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, DelaysEntry]:
     """Delays by state: `captures` from drone to station; `app` the age (an upper bound) that the ground station's
     program received with the value, None where the protocol has none."""
     by_capture = by_capture_ms(states)

@@ -10,7 +10,7 @@ import polars as pl
 from ...fly.results import Attempt
 from ...plan.topology import place_of_link
 from ..packets import Packets, load
-from .readings import Measured, readings_of
+from .readings import MeasuredValue, readings_of
 from .shaping import read_shaping
 from .window import SECOND_NS
 
@@ -31,7 +31,7 @@ class Detail:
     """An attempt's links and its sensors' values (None without sensors)."""
 
     per_link: PerLink
-    measured: tuple[Measured, ...] | None
+    measured: tuple[MeasuredValue, ...] | None
 
 
 def detail_of(attempt: Attempt, start_ns: int, seconds: float) -> Detail:

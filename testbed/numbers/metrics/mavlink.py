@@ -30,7 +30,7 @@ _STATION_SYSTEM = 245
 
 
 @dataclass(frozen=True)
-class Call:
+class CallPattern:
     """The command by which a call is recognised: its MAV_CMD and the values of its first parameters (None: any)."""
 
     command: int
@@ -55,16 +55,16 @@ class Call:
 
 
 _SET_MODE = 176
-_HOLD = Call(_SET_MODE, (None, 4.0, 3.0))
-CALLS: dict[str, Call] = {
-    "arm": Call(MAV_CMD_ARM, (1.0,)),
-    "disarm": Call(MAV_CMD_ARM, (0.0,)),
-    "takeoff": Call(22),
-    "land": Call(21),
-    "goto": Call(192),
+_HOLD = CallPattern(_SET_MODE, (None, 4.0, 3.0))
+CALLS: dict[str, CallPattern] = {
+    "arm": CallPattern(MAV_CMD_ARM, (1.0,)),
+    "disarm": CallPattern(MAV_CMD_ARM, (0.0,)),
+    "takeoff": CallPattern(22),
+    "land": CallPattern(21),
+    "goto": CallPattern(192),
     "hold": _HOLD,
-    "return": Call(_SET_MODE, (None, 4.0, 5.0)),
-    "offboard": Call(_SET_MODE, (None, 6.0)),
+    "return": CallPattern(_SET_MODE, (None, 4.0, 5.0)),
+    "offboard": CallPattern(_SET_MODE, (None, 6.0)),
 }
 """The command of each call (MAV_CMD; DO_SET_MODE with PX4's main and sub mode)."""
 BESIDE = {"goto": _HOLD}

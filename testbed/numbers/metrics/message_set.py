@@ -13,7 +13,7 @@ from ..packets import Packets
 from ..statistics import loss_of
 from .exchange import Exchange, count_messages
 from .message_kinds import own_mavlink, own_mqttxt, setpoints
-from .message_spans import Kind, kinds_of
+from .message_spans import MeasuredKind, kinds_of
 from .sizes import acknowledgements, message_sizes
 from .timeline import histogram
 from .ways import Ways
@@ -81,7 +81,7 @@ def _own_frames(carrying: pl.Series, within: pl.DataFrame, answers: pl.DataFrame
     return mine.to_numpy(), later.unique().to_numpy()
 
 
-def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: Exchange) -> KindMessages:
+def _end_to_end(kind: MeasuredKind, name: str, packets: Packets, ways: Ways, exchange: Exchange) -> KindMessages:
     """The kind's messages sent and lost, and the delay of each in order; None: lost.
 
     `name` is their name in `exchange`.
@@ -106,7 +106,7 @@ def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: E
     }
 
 
-def _of_calls(kind: Kind, commands: pl.DataFrame) -> pl.DataFrame:
+def _of_calls(kind: MeasuredKind, commands: pl.DataFrame) -> pl.DataFrame:
     """A row for each call: the first of its messages that left the station, with nulls if none did."""
     own = commands.filter(pl.col("name") == kind.name, pl.col("t_ns").is_not_null()).sort("t_ns", maintain_order=True)
     made = np.array([call.t_ns for call in kind.calls], dtype=np.int64)

@@ -39,7 +39,7 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Kind:
+class MeasuredKind:
     """A kind of message while it was measured. `form` is command or state, `asked` the number of calls or values due.
 
     `received` counts the calls that the autopilot took, or the values that arrived. `spans` are the times in which
@@ -77,13 +77,13 @@ class Kind:
         return np.unique(np.concatenate(rows)).astype(np.int64)
 
 
-def kinds_of(events: list[Event]) -> list[Kind]:
+def kinds_of(events: list[Event]) -> list[MeasuredKind]:
     """The kinds in the order of the flight; empty for a mission that is not the message set."""
     return [_kind(part) for part in _parts(events)]
 
 
 @dataclass
-class _Part:
+class _KindEvents:
     """The events of a kind, from its `kind` to its `kind_done`, or else to the last before the next kind."""
 
     begin: Event
@@ -92,13 +92,13 @@ class _Part:
     events: list[Event] = field(default_factory=list)
 
 
-def _parts(events: list[Event]) -> Iterator[_Part]:
-    part: _Part | None = None
+def _parts(events: list[Event]) -> Iterator[_KindEvents]:
+    part: _KindEvents | None = None
     for event in events:
         if event["event"] == "kind":
             if part is not None:
                 yield part
-            part = _Part(event, int(event["t_ns"]))
+            part = _KindEvents(event, int(event["t_ns"]))
         elif part is not None:
             part.end_ns = int(event["t_ns"])
             if event["event"] == "kind_done":
@@ -111,13 +111,13 @@ def _parts(events: list[Event]) -> Iterator[_Part]:
         yield part
 
 
-def _kind(part: _Part) -> Kind:
+def _kind(part: _KindEvents) -> MeasuredKind:
     return _command(part) if part.begin["form"] == "command" else _state(part)
 
 
-def _command(part: _Part) -> Kind:
+def _command(part: _KindEvents) -> MeasuredKind:
     calls = tuple(_calls(part))
-    return Kind(
+    return MeasuredKind(
         name=str(part.begin["name"]),
         form="command",
         asked=int(part.begin["count"]),
@@ -130,11 +130,11 @@ def _command(part: _Part) -> Kind:
     )
 
 
-def _state(part: _Part) -> Kind:
+def _state(part: _KindEvents) -> MeasuredKind:
     name, start_ns = str(part.begin["name"]), int(part.begin["t_ns"])
     values = [event for event in part.events if event["event"] == "value" and event["name"] == name]
     missing = int(part.done["missing"]) if part.done is not None else 0
-    return Kind(
+    return MeasuredKind(
         name=name,
         form="state",
         asked=int(part.begin["count"]),
@@ -147,7 +147,7 @@ def _state(part: _Part) -> Kind:
     )
 
 
-def _calls(part: _Part) -> Iterator[Call]:
+def _calls(part: _KindEvents) -> Iterator[Call]:
     """The kind's calls, each with its first word."""
     words: dict[int, Event] = {}
     for event in part.events:

@@ -33,7 +33,7 @@ Key = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredValue:
     """A value in a sensor's record, and its way; the time of a step that did not happen is None.
 
     time_ms      when it was measured, since 1970
@@ -67,7 +67,7 @@ class Measured:
 class Readings:
     """All values in the order of measurement, and how many arrived changed, by (drone, sensor, kind)."""
 
-    measured: tuple[Measured, ...]
+    measured: tuple[MeasuredValue, ...]
     wrong: Counter[tuple[int, int, str]]
 
 
@@ -105,7 +105,7 @@ def readings_of(attempt: Attempt, packets: Packets | None) -> Readings | None:
             else:
                 wrong[event["drone"], *values] = (event["drone"], event["sensor"], str(event["kind"]))
     found = [
-        Measured(
+        MeasuredValue(
             drone=key[0],
             sensor=key[1],
             kind=str(reading["kind"]),
@@ -129,7 +129,7 @@ def sensors_of(attempt: Attempt) -> list[int]:
 
 def series_of(readings: Readings, drones: list[int], samples: int) -> list[ReadingsEntry]:
     """An entry for each expected series, even if none of its values was measured."""
-    by_series: dict[tuple[int, int, str], list[Measured]] = {
+    by_series: dict[tuple[int, int, str], list[MeasuredValue]] = {
         (drone, drone, kind): [] for drone in drones for kind in UNITS
     }
     for one in readings.measured:
@@ -189,7 +189,7 @@ def out_of_range(packets: Packets, window: Window, events: Iterable[Mapping[str,
     return count
 
 
-def _series(key: tuple[int, int, str], own: list[Measured], wrong: int, samples: int) -> ReadingsEntry:
+def _series(key: tuple[int, int, str], own: list[MeasuredValue], wrong: int, samples: int) -> ReadingsEntry:
     drone, sensor, kind = key
     delivered = sum(one.told_ns is not None for one in own)
     return {
@@ -207,7 +207,9 @@ def _series(key: tuple[int, int, str], own: list[Measured], wrong: int, samples:
     }
 
 
-def _summary(own: list[Measured] | tuple[Measured, ...], of: Callable[[Measured], float | None]) -> Summary:
+def _summary(
+    own: list[MeasuredValue] | tuple[MeasuredValue, ...], of: Callable[[MeasuredValue], float | None]
+) -> Summary:
     return summary([delay for one in own if (delay := of(one)) is not None])
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import polars as pl
 
 from ...errors import ResultsError
-from ...fly.pcap import Capture, Flags, Ints, Words, empty_capture, read_capture
+from ...fly.pcap import CapturedFrames, Flags, Ints, Words, empty_capture, read_capture
 from ...fly.results import Attempt
 from . import purposes
 from .headers import MAVLINK, MQTT, MQTT_PORT, MQTT_SN, MQTTS_PORT, UDP, Headers, read_headers
 from .links import NOWHERE, Tree, match
-from .mavlink import Messages, find_messages
+from .mavlink import MessageColumns, find_messages
 from .mqtt import VERSION_5, Direction, randoms_of, read_direction, read_tls_direction
 from .mqttsn import Datagram, read_datagrams
 from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
@@ -45,14 +45,14 @@ class Built:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _CaptureFrames:
     """The frames of one capture: those that entered a link there, with their messages; those that left one; strays.
 
     `mavlink.datagram` and the keys of `bodies` (the content of MQTT and MQTT-SN frames) are indexes into `entered`.
     """
 
     entered: Columns
-    mavlink: Messages
+    mavlink: MessageColumns
     bodies: dict[int, bytes]
     left: Columns
     strays: Columns
@@ -62,7 +62,7 @@ def build(attempt: Attempt) -> Built:
     """Make the table from an attempt's captures. Raises ResultsError for a file that is no capture."""
     tree = Tree(attempt.topology())
     macs = _macs(attempt)
-    parts: list[_Part] = []
+    parts: list[_CaptureFrames] = []
     nodes: list[str] = []
     truncated: list[str] = []
     until_ns: dict[str, int] = {}
@@ -164,7 +164,7 @@ def _macs(attempt: Attempt) -> dict[str, int]:
     return {node: int(mac.replace(":", ""), 16) for node, mac in told.items()}
 
 
-def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: int | None) -> _Part:
+def _read_part(tree: Tree, node: str, number: int, capture: CapturedFrames, mac: int | None) -> _CaptureFrames:
     headers = read_headers(capture)
     link, departs = tree.place(node, headers, mac)
     went_in, came_out = np.flatnonzero((link != NOWHERE) & departs), np.flatnonzero((link != NOWHERE) & ~departs)
@@ -188,7 +188,7 @@ def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: int | 
         "destination": tree.node_of(headers.destination[went_in]),
     }
     stray = {"t_ns": capture.t_ns[off], "protocol": headers.protocol[off], "size": capture.sizes[off]}
-    return _Part(
+    return _CaptureFrames(
         entered,
         mavlink,
         _mqtt_bodies(capture, headers, went_in),
@@ -197,7 +197,7 @@ def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: int | 
     )
 
 
-def _mqtt_bodies(capture: Capture, headers: Headers, chosen: Ints) -> dict[int, bytes]:
+def _mqtt_bodies(capture: CapturedFrames, headers: Headers, chosen: Ints) -> dict[int, bytes]:
     carried = np.isin(headers.protocol[chosen], (MQTT, MQTT_SN)) & (headers.body_end > headers.body)[chosen]
     return {
         int(place): capture.data[headers.body[at] : headers.body_end[at]].tobytes()

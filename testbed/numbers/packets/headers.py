@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...fly.pcap import Bytes, Capture, Flags, Ints, Words, big_endian, windows
+from ...fly.pcap import Bytes, CapturedFrames, Flags, Ints, Words, big_endian, windows
 
 PROTOCOLS = ("other", "arp", "ipv6", "icmp", "igmp", "tcp", "udp", "mqtt", "mavlink", "mqttsn")
 """The protocols of frames; the codes in `Headers.protocol` are indexes into this."""
@@ -47,7 +47,7 @@ class Headers:
     key: Words
 
 
-def read_headers(capture: Capture) -> Headers:
+def read_headers(capture: CapturedFrames) -> Headers:
     """Read the headers of every frame; a frame that is not IPv4 counts as Ethernet in full."""
     rows = windows(capture.data, ETHERNET + _LEAST_IP, capture.starts)
     ether_type = big_endian(rows, 12, 2)
@@ -96,7 +96,7 @@ def read_headers(capture: Capture) -> Headers:
     )
 
 
-def _protocols(ether_type: Ints, number: Bytes, is_ip: Flags, first: Flags, at: Ints, capture: Capture) -> Ints:
+def _protocols(ether_type: Ints, number: Bytes, is_ip: Flags, first: Flags, at: Ints, capture: CapturedFrames) -> Ints:
     protocol = np.full(len(ether_type), OTHER, dtype=np.int64)
     for value, name in _ETHER_TYPES.items():
         protocol[~is_ip & (ether_type == value)] = name

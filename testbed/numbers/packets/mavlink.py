@@ -22,7 +22,7 @@ _ID_ACK = 77
 
 
 @dataclass(frozen=True)
-class Messages:
+class MessageColumns:
     """An array per field, with an entry per message, by datagram and in the order within a datagram.
 
     `datagram` is the index of the datagram among those given; `size` and `payload_size` are bytes. `target_system` and
@@ -50,7 +50,7 @@ def name_of(identity: int) -> str:
     return str(known.msgname) if known is not None else NAMES.get(identity, f"MAVLINK_{identity}")
 
 
-def find_messages(data: Bytes, starts: Ints, ends: Ints) -> Messages:
+def find_messages(data: Bytes, starts: Ints, ends: Ints) -> MessageColumns:
     """Find the messages from a datagram's first byte on, up to bytes that are no message or an incomplete one.
 
     Their CRCs are not checked: the frames are read as they entered their links, unchanged by these.
@@ -77,7 +77,7 @@ def find_messages(data: Bytes, starts: Ints, ends: Ints) -> Messages:
         np.ascontiguousarray(column) for column in table.T
     )
     crc = _little_endian(windows(data, 2, payload + length))
-    return Messages(
+    return MessageColumns(
         datagram=datagram,
         version=version,
         identity=identity,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
-from mqttxt.core.mqtt.sn import packets
+from mqttxt.core.mqtt.sn import codec
 from mqttxt.core.mqtt.sn.packets import PREDEFINED, Message
 from mqttxt.core.mqtt.sn.sender import Receiver
 from mqttxt.core.mqtt.sn.together import Told, Unpacker, pack
@@ -52,7 +52,7 @@ def read_datagrams(flows: Iterable[list[Datagram]]) -> Direction:
 
 def _read(datagram: Datagram, flow: _Flow, found: Direction) -> None:
     try:
-        packet = packets.decode(datagram.body)
+        packet = codec.decode(datagram.body)
     except ValueError:
         _note(found, datagram, _UNREADABLE)
         return

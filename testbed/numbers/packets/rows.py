@@ -11,7 +11,7 @@ import polars as pl
 from ...fly.pcap import Ints
 from .headers import MAVLINK, MQTT, MQTT_SN, PROTOCOLS
 from .links import NOWHERE, Tree
-from .mavlink import NONE, Messages, name_of
+from .mavlink import NONE, MessageColumns, name_of
 from .mqtt import Direction
 
 Columns = dict[str, npt.NDArray[Any]]
@@ -39,7 +39,7 @@ _OWN = {name: kind for name, kind in MESSAGE_SCHEMA.items() if name not in ("t_n
 _AS_THEY_ARE = ("t_ns", "size", "ethernet", "ip", "transport", "key", "offset", "lost")
 
 
-def mavlink_rows(parts: list[Messages], rows: Ints, left_ns: Ints) -> pl.DataFrame:
+def mavlink_rows(parts: list[MessageColumns], rows: Ints, left_ns: Ints) -> pl.DataFrame:
     """Rows of the MAVLink messages in the frames `rows`; all messages of a datagram leave the link together."""
     names = ("version", "system", "component", "sequence", "crc", "size", "target_system", "command", "identity")
     fields: dict[str, Ints] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...errors import UserError
-from .reading import PARSERS, Figure, Rule
+from .reading import PARSERS, EventRule, ProfileFigure
 
 
-def check_link(link: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
+def check_link(link: Mapping[str, Any], figures: Mapping[str, ProfileFigure]) -> None:
     """Raise UserError that names a figure which does not fit the others; `link` has the plan's fields."""
     problem = unfitting(link)
     if problem is not None:
@@ -18,7 +18,7 @@ def check_link(link: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
         raise UserError(f"{figure.where}: {figure.text!r}: expected {expected}")
 
 
-def check_event(link: Mapping[str, Any], rule: Rule, change: Mapping[str, Any]) -> None:
+def check_event(link: Mapping[str, Any], rule: EventRule, change: Mapping[str, Any]) -> None:
     """As `check_link`, for the figures during an event."""
     if "rate_bps" in change and link["shared_with"] is not None and rule.link.endswith((":up", ":down")):
         text = rule.change["rate_bps"].text

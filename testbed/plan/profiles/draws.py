@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator
 from random import Random
 
-from .reading import Rule
+from .reading import EventRule
 
 _SEED_BYTES = 6
 """48 bits, which every reader of JSON represents exactly."""
@@ -32,7 +32,7 @@ def link_seed(seed: int, link: str, use: str = "") -> int:
     return seed_of(seed, link, use)
 
 
-def occurrences(rule: Rule, draw: Random, length_us: int) -> Iterator[tuple[int, int]]:
+def occurrences(rule: EventRule, draw: Random, length_us: int) -> Iterator[tuple[int, int]]:
     """The start and duration of a rule's events, in microseconds, cut off at the end of the plan.
 
     Periodic events start with a phase drawn uniformly from their period. The duration of bursts is uniform between
@@ -44,7 +44,7 @@ def occurrences(rule: Rule, draw: Random, length_us: int) -> Iterator[tuple[int,
         yield at_us, min(for_us, length_us - at_us)
 
 
-def _unbounded(rule: Rule, draw: Random, length_us: int) -> Iterator[tuple[int, int]]:
+def _unbounded(rule: EventRule, draw: Random, length_us: int) -> Iterator[tuple[int, int]]:
     if rule.at_us is not None:
         yield rule.at_us, length_us if rule.for_us is None else rule.for_us
         return

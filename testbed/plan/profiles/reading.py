@@ -34,7 +34,7 @@ OFTEN_US = 100_000
 
 
 @dataclass(frozen=True)
-class Figure:
+class ProfileFigure:
     """One figure, in the unit of the plan's field; `where` is file and field, for errors."""
 
     value: Any
@@ -44,15 +44,15 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Entry:
+class ProfileEntry:
     """A file's entry of a class or link: figures by (direction, plan's field), and whether directions share a rate."""
 
-    figures: Mapping[tuple[str, str], Figure]
-    shared: Figure | None
+    figures: Mapping[tuple[str, str], ProfileFigure]
+    shared: ProfileFigure | None
 
 
 @dataclass(frozen=True)
-class Rule:
+class EventRule:
     """An event of the file. Exactly one of `at_us`, `every_us` and `share` (of time, in bursts) is set.
 
     `for_us` is None for bursts, which last from `shortest_us` to `longest_us`, and for an event until the end.
@@ -60,7 +60,7 @@ class Rule:
 
     link: str
     where: str
-    change: Mapping[str, Figure]
+    change: Mapping[str, ProfileFigure]
     source: str
     at_us: int | None = None
     every_us: int | None = None
@@ -75,9 +75,9 @@ class Layer:
     """One file: classes, single links, and events (None if it has no such section)."""
 
     file: str
-    classes: Mapping[str, Entry]
-    overrides: Mapping[str, Entry]
-    events: tuple[Rule, ...] | None
+    classes: Mapping[str, ProfileEntry]
+    overrides: Mapping[str, ProfileEntry]
+    events: tuple[EventRule, ...] | None
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Profile:
     layers: tuple[Layer, ...]
 
     @property
-    def rules(self) -> tuple[Rule, ...]:
+    def rules(self) -> tuple[EventRule, ...]:
         """The events of the nearest file that has the section."""
         return next((layer.events for layer in reversed(self.layers) if layer.events is not None), ())
 
@@ -144,20 +144,20 @@ def _layer(document: dict[str, Any], file: str) -> Layer:
     return Layer(file, classes, overrides, events)
 
 
-def _entry(entry: dict[str, Any], file: str, field: str) -> Entry:
+def _entry(entry: dict[str, Any], file: str, field: str) -> ProfileEntry:
     """Read an entry: `both` counts for each direction, and a direction's own figures override it."""
-    figures: dict[tuple[str, str], Figure] = {}
+    figures: dict[tuple[str, str], ProfileFigure] = {}
     for key in ("both", *DIRECTIONS):
         if key in entry:
             for name, figure in _figures(entry[key], f"{file}: {field}.{key}"):
                 figures |= {(direction, name): figure for direction in (DIRECTIONS if key == "both" else (key,))}
     shared = None
     if "shared" in entry:
-        shared = Figure(entry["shared"], "", f"{file}: {field}.shared", str(entry["shared"]).lower())
-    return Entry(figures, shared)
+        shared = ProfileFigure(entry["shared"], "", f"{file}: {field}.shared", str(entry["shared"]).lower())
+    return ProfileEntry(figures, shared)
 
 
-def _figures(block: dict[str, Any], where: str) -> Iterator[tuple[str, Figure]]:
+def _figures(block: dict[str, Any], where: str) -> Iterator[tuple[str, ProfileFigure]]:
     sources = block["source"]
     for name, text in block.items():
         if name == "source":
@@ -168,11 +168,11 @@ def _figures(block: dict[str, Any], where: str) -> Iterator[tuple[str, Figure]]:
         yield read_figure(name, text, source, f"{where}.{name}")
 
 
-def read_figure(name: str, text: Any, source: str, where: str) -> tuple[str, Figure]:
+def read_figure(name: str, text: Any, source: str, where: str) -> tuple[str, ProfileFigure]:
     """The plan's field and the figure. Raises UserError if it cannot be read."""
     field, parse = PARSERS.get(name, (name, None))
     value = text if parse is None else _parsed(parse, text, where)
-    return field, Figure(value, source, where, str(text))
+    return field, ProfileFigure(value, source, where, str(text))
 
 
 def _parsed(parse: Callable[[str], Any], text: str, where: str) -> Any:
@@ -182,7 +182,7 @@ def _parsed(parse: Callable[[str], Any], text: str, where: str) -> Any:
         raise UserError(f"{where}: {text!r}: expected {error}") from error
 
 
-def _rule(rule: dict[str, Any], where: str) -> Rule:
+def _rule(rule: dict[str, Any], where: str) -> EventRule:
     kinds = [kind for kind in ("at", "every", "bursts") if kind in rule]
     if len(kinds) != 1:
         raise UserError(f"{where}: {' and '.join(kinds) or 'no time'}: expected one of at, every, bursts")
@@ -206,11 +206,13 @@ def _rule(rule: dict[str, Any], where: str) -> Rule:
             expected = f"shorter than every, {rule['every']}" if limit is not None and times[name] else "more than 0"
             raise UserError(f"{where}.{name}: {rule[name]!r}: expected {expected}")
     if kind != "bursts":
-        return Rule(rule["link"], where, change, rule["source"], times.get("at"), times.get("every"), times.get("for"))
+        return EventRule(
+            rule["link"], where, change, rule["source"], times.get("at"), times.get("every"), times.get("for")
+        )
     return _bursts(rule, where, change)
 
 
-def _bursts(rule: dict[str, Any], where: str, change: Mapping[str, Figure]) -> Rule:
+def _bursts(rule: dict[str, Any], where: str, change: Mapping[str, ProfileFigure]) -> EventRule:
     bursts = rule["bursts"]
     share = _parsed(units.parse_share, bursts["share"], f"{where}.bursts.share")
     shortest, longest = (
@@ -225,4 +227,4 @@ def _bursts(rule: dict[str, Any], where: str, change: Mapping[str, Figure]) -> R
     if (shortest + longest) / 2 < share * OFTEN_US:
         expected = f"a burst every {units.show_time(OFTEN_US)} on average, or longer ones"
         raise UserError(f"{where}.bursts.share: {bursts['share']!r}: expected at most {expected}")
-    return Rule(rule["link"], where, change, rule["source"], None, None, None, share, shortest, longest)
+    return EventRule(rule["link"], where, change, rule["source"], None, None, None, share, shortest, longest)

@@ -13,7 +13,7 @@ from ...errors import UserError
 from ..topology import Link, Topology
 from .checks import check_event, check_link
 from .draws import link_seed, occurrences, plan_seed
-from .reading import Entry, Figure, Profile, Rule
+from .reading import EventRule, Profile, ProfileEntry, ProfileFigure
 from .units import show_time
 
 LENGTH_S = 1500.0
@@ -21,10 +21,10 @@ LENGTH_S = 1500.0
 
 
 @dataclass(frozen=True)
-class LinksPlan(link_plan.Plan):
+class LinksPlan(link_plan.BaseLinksPlan):
     """The plan that every shaper takes. `figures` has the sources of each link's figures; it is not in the data."""
 
-    figures: Mapping[str, Mapping[str, Figure]] = field(default_factory=dict, compare=False)
+    figures: Mapping[str, Mapping[str, ProfileFigure]] = field(default_factory=dict, compare=False)
 
 
 def resolve(
@@ -37,7 +37,7 @@ def resolve(
     """
     _check_names(profile, topology)
     seed = plan_seed(experiment, attempt)
-    figures: dict[str, dict[str, Figure]] = {}
+    figures: dict[str, dict[str, ProfileFigure]] = {}
     links: dict[str, LinkPlan] = {}
     for link in topology.links:
         shared = _shared(profile, link)
@@ -71,7 +71,7 @@ def _check_names(profile: Profile, topology: Topology) -> None:
             raise UserError(f"{rule.where}.link: {rule.link!r}: no such link: expected one of {', '.join(names)}")
 
 
-def _entries(profile: Profile, link: Link) -> Iterator[Entry]:
+def _entries(profile: Profile, link: Link) -> Iterator[ProfileEntry]:
     """A link's entries, the least specific first: its class in every file, then the link itself in every file."""
     for section, name in (("classes", link.name.partition(":")[0]), ("overrides", link.name)):
         for layer in profile.layers:
@@ -80,28 +80,30 @@ def _entries(profile: Profile, link: Link) -> Iterator[Entry]:
                 yield entry
 
 
-def _figures_of(profile: Profile, link: Link, direction: str) -> dict[str, Figure]:
-    found: dict[str, Figure] = {}
+def _figures_of(profile: Profile, link: Link, direction: str) -> dict[str, ProfileFigure]:
+    found: dict[str, ProfileFigure] = {}
     for entry in _entries(profile, link):
         found |= {name: figure for (way, name), figure in entry.figures.items() if way == direction}
     return found
 
 
-def _shared(profile: Profile, link: Link) -> Figure | None:
+def _shared(profile: Profile, link: Link) -> ProfileFigure | None:
     found = None
     for entry in _entries(profile, link):
         found = entry.shared or found
     return found
 
 
-def _link_plan(figures: Mapping[str, Figure], partner: str | None) -> LinkPlan:
+def _link_plan(figures: Mapping[str, ProfileFigure], partner: str | None) -> LinkPlan:
     link = replace(LinkPlan(), **{name: figure.value for name, figure in figures.items()})
     rate = figures.get("rate_bps")
     is_lifted = rate is not None and rate.value is None
     return replace(link, shared_with=partner, queue_packets=None if is_lifted else link.queue_packets)
 
 
-def _events(rule: Rule, number: int, links: Mapping[str, LinkPlan], seed: int, length_s: float) -> Iterator[EventPlan]:
+def _events(
+    rule: EventRule, number: int, links: Mapping[str, LinkPlan], seed: int, length_s: float
+) -> Iterator[EventPlan]:
     length_us = round(length_s * 1_000_000)
     if rule.at_us is not None and rule.at_us >= length_us:
         text = show_time(rule.at_us)

@@ -16,7 +16,7 @@ from ...numbers.packets.table import Packets, load
 
 
 @dataclass(frozen=True)
-class Choice:
+class FrameChoice:
     """Criteria for frames: a link (or a prefix of links' names), a protocol, a kind of message, and a time span.
 
     Seconds are since the mission's start; None is no limit.
@@ -63,7 +63,7 @@ def find_attempts(run: str, root: Path) -> list[Attempt]:
     return attempts
 
 
-def choose(attempts: list[Attempt], choice: Choice) -> list[Chosen]:
+def choose(attempts: list[Attempt], choice: FrameChoice) -> list[Chosen]:
     """The chosen frames of each attempt.
 
     Raises UserError for a link, protocol or kind that none of them has, for invalid times, and for an unreadable
@@ -91,7 +91,7 @@ def _start_ns(attempt: Attempt, packets: Packets) -> int:
     return int(packets.frames["t_ns"][0]) if len(packets.frames) else 0
 
 
-def _choose(attempt: Attempt, packets: Packets, start_ns: int, choice: Choice) -> Chosen:
+def _choose(attempt: Attempt, packets: Packets, start_ns: int, choice: FrameChoice) -> Chosen:
     frames, messages = packets.frames.with_row_index("frame"), packets.messages
     frames = frames.with_columns(pl.col("frame").cast(pl.Int64))
     if choice.link is not None:
@@ -110,7 +110,7 @@ def _choose(attempt: Attempt, packets: Packets, start_ns: int, choice: Choice) -
     return Chosen(attempt, frames, messages, packets.messages, packets.truncated, start_ns)
 
 
-def _check_times(choice: Choice) -> None:
+def _check_times(choice: FrameChoice) -> None:
     for option, value in (("--from", choice.from_s), ("--to", choice.to_s)):
         if value is not None and not math.isfinite(value):
             raise UserError(f"{option} {value}: expected seconds since the mission's start")

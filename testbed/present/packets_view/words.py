@@ -16,7 +16,7 @@ from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, Topic
 from mqttxt.protocol.values import Encoding
 
 from ...numbers.dissect.mavlink import MAVLink, Message
-from ...numbers.dissect.mavlink_fields import Number, Text
+from ...numbers.dissect.mavlink_fields import CharArray, Number
 from ...numbers.packets.signed import by_drone, inside
 
 _LEVELS = {
@@ -97,7 +97,7 @@ def _fields_said(message: Message) -> Iterator[tuple[str, str]]:
         field, value = own[name], message.getfieldval(name)
         if isinstance(field, Number) and field.names and not field.bits:
             yield name, field.names.get(value, str(value))
-        elif isinstance(field, Text):
+        elif isinstance(field, CharArray):
             yield name, field.i2repr(message, value)
         elif isinstance(value, list):
             if any(value):

@@ -16,8 +16,8 @@ from ...numbers.written import Metrics, VoidEntry
 from ...plan import wording
 from . import sentences
 from .figures.flights import Flights, flights, flights_of
-from .figures.readings import Side
-from .gallery import Seen
+from .figures.readings import DetailedReadings
+from .gallery import DetailData
 from .message_set import is_message_set
 
 
@@ -73,16 +73,16 @@ def _events(attempt: Attempt) -> list[dict[str, Any]]:
         return []
 
 
-def seen_of(page: dict[str, Any]) -> Seen:
+def seen_of(page: dict[str, Any]) -> DetailData:
     """The data for figures of the attempt that is shown in detail."""
     attempt: Attempt = page["attempt"]
     window = _window(page["measured"])
     flown: Flights | None = page["flights"]
     if window is None:
-        return Seen(flown, None)
+        return DetailData(flown, None)
     detail = detail_of(attempt, *window)
-    measured = Side(detail.measured, window[0]) if detail.measured is not None else None
-    return Seen(flown, detail.per_link, measured)
+    measured = DetailedReadings(detail.measured, window[0]) if detail.measured is not None else None
+    return DetailData(flown, detail.per_link, measured)
 
 
 def with_losses(attempt: Attempt, measured: AttemptEntry) -> AttemptEntry:

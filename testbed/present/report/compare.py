@@ -11,7 +11,7 @@ from ...fly.results import Series
 from ...numbers import kinds, quantities, words
 from ...numbers.observed import observe
 from ...numbers.quantities import DELAY, MISSION, PACKETS, SIZE
-from ...numbers.quantity import Figure, quotient
+from ...numbers.quantity import QuantityFigure, quotient
 from ...numbers.written import Metrics
 from ...plan import wording
 from ...plan.factors import FACTORS
@@ -22,7 +22,7 @@ _SAME = 0.005
 
 
 @dataclass(frozen=True)
-class Result:
+class ComparedSeries:
     """A series with its metrics and the manifests of its attempts; `name` is A or B."""
 
     name: str
@@ -31,9 +31,9 @@ class Result:
     manifests: tuple[dict[str, Any], ...]
 
 
-def result_of(name: str, series: Series, metrics: Metrics) -> Result:
+def result_of(name: str, series: Series, metrics: Metrics) -> ComparedSeries:
     """Read the manifests of a series, as far as they can be read."""
-    return Result(name, series, metrics, tuple(attempt.manifest() for attempt in series.readable()))
+    return ComparedSeries(name, series, metrics, tuple(attempt.manifest() for attempt in series.readable()))
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparedMetric:
     """A metric of one protocol in both results; `change` is the second over the first, None if not defined."""
 
     name: str
     protocol: str
-    first: Figure
-    second: Figure
+    first: QuantityFigure
+    second: QuantityFigure
 
     @property
     def change(self) -> float | None:
@@ -66,14 +66,14 @@ class Row:
         return quotient(self.second.value, self.first.value) if scaled else None
 
 
-def conditions(first: Result, second: Result) -> list[Condition]:
+def conditions(first: ComparedSeries, second: ComparedSeries) -> list[Condition]:
     """The conditions of both results, first those that are meant to affect the numbers."""
     both = (first, second)
 
-    def told(name: str, value: Callable[[Result], str], shapes: bool = True) -> Condition:
+    def told(name: str, value: Callable[[ComparedSeries], str], shapes: bool = True) -> Condition:
         return Condition(name, value(first), value(second), shapes)
 
-    def configured(name: str) -> Callable[[Result], str]:
+    def configured(name: str) -> Callable[[ComparedSeries], str]:
         return lambda one: _each(str(manifest["configuration"].get(name, "")) for manifest in one.manifests)
 
     versions = sorted({name for one in both for manifest in one.manifests for name in manifest["versions"]})
@@ -92,25 +92,25 @@ def conditions(first: Result, second: Result) -> list[Condition]:
 _SERIES = ("experiment", "arm", "profile", "shaper")
 
 
-def rows(first: Result, second: Result) -> list[Row]:
+def rows(first: ComparedSeries, second: ComparedSeries) -> list[ComparedMetric]:
     """Every compared metric, protocol by protocol; a protocol that only one result has is left out."""
     tables = [{row.name: row for row in _table(one.metrics)} for one in (first, second)]
     protocols = [p for p, _ in words.sides(first.metrics) if p in second.metrics["protocols"]]
     return [
-        Row(name, protocol, row.cells[protocol], tables[1][name].cells[protocol])
+        ComparedMetric(name, protocol, row.cells[protocol], tables[1][name].cells[protocol])
         for protocol in protocols
         for name, row in tables[0].items()
         if name in tables[1] and protocol in row.cells and protocol in tables[1][name].cells
     ]
 
 
-def _table(metrics: Metrics) -> list[quantities.Row]:
+def _table(metrics: Metrics) -> list[quantities.QuantityRow]:
     if message_set.is_message_set(metrics):
         return kinds.compared(observe(metrics["protocols"]))
     return list(comparison.rows(metrics).values())
 
 
-def sentences(first: Result, second: Result) -> list[str]:
+def sentences(first: ComparedSeries, second: ComparedSeries) -> list[str]:
     """Sentences on the conditions in which they differ, by how much, and whether the cause can be told."""
     differing = [c for c in conditions(first, second) if c.differs and c.shapes]
     if not differing:
@@ -150,7 +150,7 @@ def change(ratio: float) -> str:
     return f"{'+' if ratio > 1 else '−'}{percent:.{digits}f} %"
 
 
-def title(one: Result) -> str:
+def title(one: ComparedSeries) -> str:
     """A result in a few words: 'scenario 1, arm thesis, profile ideal', with the fleet if it is not the thesis's."""
     metrics, configuration = one.metrics, one.manifests[0]["configuration"]
     changed = [f"{name} {value}" for name, value in factors.deviations(configuration, metrics["arm"])]
@@ -159,19 +159,19 @@ def title(one: Result) -> str:
     return f"{wording.short_name(metrics['experiment'])}, {arm}, profile {metrics['profile']}{fleet}"
 
 
-def _missing(one: Result, other: Result) -> list[str]:
+def _missing(one: ComparedSeries, other: ComparedSeries) -> list[str]:
     return [protocol for protocol in one.metrics["protocols"] if protocol not in other.metrics["protocols"]]
 
 
-def _of_series(name: str) -> Callable[[Result], str]:
-    def told(one: Result) -> str:
+def _of_series(name: str) -> Callable[[ComparedSeries], str]:
+    def told(one: ComparedSeries) -> str:
         facts: Mapping[str, object] = one.metrics
         return str(facts[name])
 
     return told
 
 
-def _fleet(one: Result) -> str:
+def _fleet(one: ComparedSeries) -> str:
     """'five drones on three fogs (3, 1, 1)'."""
     said = []
     for manifest in one.manifests:
@@ -181,7 +181,7 @@ def _fleet(one: Result) -> str:
     return _each(said)
 
 
-def _revision(one: Result) -> str:
+def _revision(one: ComparedSeries) -> str:
     said = []
     for manifest in one.manifests:
         commit = str(manifest["revision"].get("commit") or "not in a repository")[:12]
@@ -189,12 +189,12 @@ def _revision(one: Result) -> str:
     return _each(said)
 
 
-def _attempts(one: Result) -> str:
+def _attempts(one: ComparedSeries) -> str:
     done = comparison.completion(one.metrics)
     return ", ".join(f"{c.completed} of {c.flown} over {wording.name_of(p)}" for p, c in done.items())
 
 
-def _host(one: Result) -> str:
+def _host(one: ComparedSeries) -> str:
     hosts = [manifest["host"] for manifest in one.manifests]
     names = [f"{host['name']}, " if "name" in host else "" for host in hosts]
     return _each(
@@ -203,7 +203,7 @@ def _host(one: Result) -> str:
     )
 
 
-def _version(name: str) -> Callable[[Result], str]:
+def _version(name: str) -> Callable[[ComparedSeries], str]:
     return lambda one: _each(str(found) for manifest in one.manifests if (found := manifest["versions"].get(name)))
 
 

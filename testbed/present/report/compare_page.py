@@ -10,7 +10,7 @@ from ...fly.results import write_text
 from ...numbers import words
 from ...plan import wording
 from . import compare
-from .compare import Result
+from .compare import ComparedSeries
 from .figures.compared import compared
 from .figures.files import write_figure
 from .html import environment, path_of_report
@@ -18,7 +18,7 @@ from .message_set import is_message_set
 from .tables import plain_table
 
 
-def print_comparison(first: Result, second: Result, console: Console) -> None:
+def print_comparison(first: ComparedSeries, second: ComparedSeries, console: Console) -> None:
     """Print both results' titles, the conditions in which they differ, and every metric of both."""
     console.print()
     for one in (first, second):
@@ -43,7 +43,7 @@ def print_comparison(first: Result, second: Result, console: Console) -> None:
         console.print(table)
 
 
-def write_comparison(first: Result, second: Result, target: Path) -> None:
+def write_comparison(first: ComparedSeries, second: ComparedSeries, target: Path) -> None:
     """Write a self-contained page, and next to it its figure's data (`.csv`) and the figure for papers (`.pdf`).
 
     Links to the two reports are relative to the page.

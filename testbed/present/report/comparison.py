@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from ...numbers import quantities, words
 from ...numbers.attempt_entry import AttemptEntry
 from ...numbers.observed import observe
-from ...numbers.quantities import Row
+from ...numbers.quantities import QuantityRow
 from ...numbers.written import Metrics, SideEntry, VoidEntry
 from ...plan import wording
 
 
-def rows(metrics: Metrics) -> dict[str, Row]:
+def rows(metrics: Metrics) -> dict[str, QuantityRow]:
     """The compared rows by the quantity's key: completion, traffic, time, losses, delay, frames per call."""
     return quantities.rows(observe(metrics["protocols"]))
 

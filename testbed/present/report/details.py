@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 
 from ...numbers.attempt_entry import (
     AttemptEntry,
-    Delays,
+    DelaysEntry,
     LinkEntry,
     MavlinkMessage,
     MavlinkStream,
@@ -68,7 +68,7 @@ class Mix(TypedDict):
 
 
 @dataclass(frozen=True)
-class Role:
+class RoleCpu:
     """The CPU seconds of the containers with one role: their sum and each one's own, by protocol."""
 
     name: str
@@ -142,12 +142,12 @@ def routers_of(attempt: AttemptEntry) -> list[tuple[str, dict[str, Router]]]:
     return [(node, {entry["way"]: entry for entry in entries if entry["node"] == node}) for node in nodes]
 
 
-def roles_of(cpu: Mapping[str, Mapping[str, float]]) -> list[Role]:
+def roles_of(cpu: Mapping[str, Mapping[str, float]]) -> list[RoleCpu]:
     """Group the CPU seconds by protocol and container into roles."""
     by_protocol = {protocol: _by_role(seconds) for protocol, seconds in cpu.items()}
     names = [name for name, _ in _ROLES] + ["other"]
     return [
-        Role(
+        RoleCpu(
             name,
             {p: sum(seconds for _, seconds in found[name]) for p, found in by_protocol.items() if name in found},
             {p: found[name] for p, found in by_protocol.items() if name in found},
@@ -157,7 +157,7 @@ def roles_of(cpu: Mapping[str, Mapping[str, float]]) -> list[Role]:
     ]
 
 
-def protocols_own(roles: list[Role]) -> dict[str, float]:
+def protocols_own(roles: list[RoleCpu]) -> dict[str, float]:
     """CPU seconds by protocol, without the containers that both sides need: autopilots, sensors, network, captures."""
     sums: dict[str, float] = {}
     for role in roles:
@@ -187,7 +187,7 @@ def outcomes_of(attempt: AttemptEntry, commands: list[str]) -> dict[str, list[Ou
 
 
 @dataclass(frozen=True)
-class Measured:
+class LinkFigure:
     """A figure of a directed link, configured and measured, or why it was not measured; None: unlimited, unknown."""
 
     configured: float | None
@@ -198,16 +198,16 @@ class Measured:
 FIGURES = ("delay_ms", "jitter_ms", "rate_bps", "loss")
 
 
-def figures_of_link(entry: Mapping[str, Any]) -> dict[str, Measured]:
+def figures_of_link(entry: Mapping[str, Any]) -> dict[str, LinkFigure]:
     """A directed link's figures by name, from its entry in `links_measured`; unknown ones are left out."""
     return {
-        figure: Measured(one.get("configured"), one.get("measured"), one.get("note"))
+        figure: LinkFigure(one.get("configured"), one.get("measured"), one.get("note"))
         for figure in FIGURES
         if isinstance(one := entry.get(figure), dict)
     }
 
 
-def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured]]]]:
+def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, LinkFigure]]]]:
     """Each directed link with its figures by protocol and name; empty if nothing was measured."""
     names = {name for attempt in shown.values() for name in attempt["links_measured"]}
     return [
@@ -226,7 +226,7 @@ def sizes_of(shown: Shown) -> list[tuple[str, dict[str, SizeEntry], dict[str, in
     return [(name, {p: by[name] for p, by in kinds.items() if name in by}, printed.get(name, {})) for name in order]
 
 
-def states_of(shown: Shown) -> list[tuple[str, dict[str, Delays]]]:
+def states_of(shown: Shown) -> list[tuple[str, dict[str, DelaysEntry]]]:
     """Each state with its summary of delays by protocol."""
     kinds = {p: attempt["state_delay_ms"] for p, attempt in shown.items()}
     names = sorted({name for by in kinds.values() for name in by})

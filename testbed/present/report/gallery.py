@@ -16,14 +16,14 @@ from ...plan.topology import place_of_link
 from . import details, thesis
 from .comparison import completed
 from .figures import readings
-from .figures.attempts import Amount, Mission, mission_time, scenarios
+from .figures.attempts import MissionTime, ScenarioAmount, mission_time, scenarios
 from .figures.delays import by_number, delays_of, distribution
 from .figures.figure import Figure
 from .figures.flights import Flights, flights
 from .figures.losses import CAUSES, Lost, losses
 from .figures.parts import parts
 from .figures.sizes import BINS, histogram
-from .figures.topology import Link, topology
+from .figures.topology import DrawnLink, topology
 from .figures.traffic import traffic
 
 SLIPS = frozenset({("scenario-4", "mqttxt")})
@@ -31,18 +31,18 @@ SLIPS = frozenset({("scenario-4", "mqttxt")})
 
 
 @dataclass(frozen=True)
-class Seen:
+class DetailData:
     """The data for figures of a side's attempt that is shown in detail, besides its entry in `metrics.json`."""
 
     flights: Flights | None
     per_link: PerLink | None
-    readings: readings.Side | None = None
+    readings: readings.DetailedReadings | None = None
 
 
 def figures_of(
     metrics: Metrics,
     shown: details.Shown,
-    seen: dict[str, Seen],
+    seen: dict[str, DetailData],
     links: list[tuple[str, str, str]],
     commands: list[str],
 ) -> dict[str, Figure]:
@@ -78,7 +78,7 @@ def of_links(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str,
     return topology(_topology(metrics, shown, links), metrics["profile"], metrics["shaper"])
 
 
-def of_traffic(shown: details.Shown, seen: dict[str, Seen]) -> list[Figure | None]:
+def of_traffic(shown: details.Shown, seen: dict[str, DetailData]) -> list[Figure | None]:
     """The figures of losses by cause, and of bytes by layer and purpose."""
     return [
         losses(losses_of(shown, seen), all(one.per_link.since_start for one in seen.values() if one.per_link)),
@@ -107,7 +107,7 @@ _OF_PURPOSE = {
 }
 
 
-def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str, Lost]]:
+def losses_of(shown: details.Shown, seen: dict[str, DetailData]) -> dict[str, dict[str, Lost]]:
     """The losses of each side's attempt in detail, in the whole run; links without frames are left out."""
     found: dict[str, dict[str, Lost]] = {}
     for protocol, attempt in shown.items():
@@ -122,13 +122,13 @@ def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str
     return {protocol: links for protocol, links in found.items() if links}
 
 
-def _topology(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str, str]]) -> list[Link]:
+def _topology(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str, str]]) -> list[DrawnLink]:
     measured: dict[str, Any] = {}
     for attempt in shown.values():
         measured = {**attempt["links_measured"], **measured}
     ways = {name: details.figures_of_link(entry) for name, entry in measured.items()}
     return [
-        Link(name, lower, upper, ways.get(f"{name}:up", {}), ways.get(f"{name}:down", {}))
+        DrawnLink(name, lower, upper, ways.get(f"{name}:up", {}), ways.get(f"{name}:down", {}))
         for name, lower, upper in sorted(links, key=lambda link: place_of_link(link[0]))
     ]
 
@@ -162,12 +162,12 @@ def _purposes(shown: details.Shown) -> dict[str, dict[str, int]]:
 
 def _missions(
     metrics: Metrics,
-) -> tuple[dict[str, list[Mission]], dict[str, quantity.Figure], dict[str, float]]:
+) -> tuple[dict[str, list[MissionTime]], dict[str, quantity.QuantityFigure], dict[str, float]]:
     observed = observe(metrics["protocols"])
     sides = {}
     for protocol, side in words.sides(metrics):
-        flown = [Mission(a["attempt"], a["mission_s"], a["status"], a["reason"]) for a in side["attempts"]]
-        flown += [Mission(void["attempt"], None, "void", void["reason"]) for void in side["void"]]
+        flown = [MissionTime(a["attempt"], a["mission_s"], a["status"], a["reason"]) for a in side["attempts"]]
+        flown += [MissionTime(void["attempt"], None, "void", void["reason"]) for void in side["void"]]
         sides[protocol] = sorted(flown, key=lambda one: one.attempt)
     printed = thesis.of_scenario(metrics["experiment"]).get("mission_s", {}) if thesis.flew_alike(metrics) else {}
     figures = {protocol: MISSION.figure(side) for protocol, side in observed.items()}
@@ -183,7 +183,7 @@ def _scenarios(metrics: Metrics, done: dict[str, list[AttemptEntry]]) -> Figure 
     for field in ("packets", "size_bytes"):
         made[field] = {
             name: {
-                p: Amount(
+                p: ScenarioAmount(
                     tuple(a[field] for a in attempts) if name == metrics["experiment"] else (),
                     thesis.of_scenario(name)[field].get(p),
                 )

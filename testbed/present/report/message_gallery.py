@@ -11,11 +11,11 @@ from .figures.figure import Figure
 from .figures.kind_delays import delays_of, kind_delays
 from .figures.kind_ratios import PANELS, Ratio, kind_ratios
 from .figures.kind_sizes import counts_of, kind_sizes
-from .gallery import Seen, of_links, of_traffic
+from .gallery import DetailData, of_links, of_traffic
 
 
 def figures_of(
-    metrics: Metrics, shown: details.Shown, seen: dict[str, Seen], links: list[tuple[str, str, str]]
+    metrics: Metrics, shown: details.Shown, seen: dict[str, DetailData], links: list[tuple[str, str, str]]
 ) -> dict[str, Figure]:
     """The figures by name; those for which these results have no data are left out."""
     done = {p: attempts for p, side in words.sides(metrics) if (attempts := completed(side))}
@@ -34,7 +34,7 @@ def _ratios(metrics: Metrics) -> dict[str, dict[str, Ratio]]:
     return {row.name: {what: _ratio(row, what) for what in PANELS} for row in message_set.rows(metrics)}
 
 
-def _ratio(row: message_set.Row, what: str) -> Ratio:
+def _ratio(row: message_set.KindRow, what: str) -> Ratio:
     amounts = {how: row.amounts(how, what) for how in ("with_states", "alone")}
     return Ratio(
         with_states=row.ratio("with_states", what),

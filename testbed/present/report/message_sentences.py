@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ...numbers import words
-from ...numbers.kinds import Side
+from ...numbers.kinds import KindOnSide
 from ...numbers.written import Metrics
 from ...plan import wording
 from .comparison import completed
-from .message_set import Row, is_message_set, rows, totals
+from .message_set import KindRow, is_message_set, rows, totals
 
 _FORMS = {"command": "a command", "state": "a state"}
 
@@ -55,41 +55,41 @@ def shortfalls(metrics: Metrics) -> list[str]:
     return said
 
 
-def _both(metrics: Metrics) -> list[Row]:
+def _both(metrics: Metrics) -> list[KindRow]:
     """The mean command and the mean state, as far as both sides have them; empty for another experiment."""
     if not is_message_set(metrics):
         return []
     return [row for row in totals(metrics) if {"mavlink", "mqttxt"} <= set(row.sides)]
 
 
-def _times(row: Row, how: str) -> str:
+def _times(row: KindRow, how: str) -> str:
     """'25 times the packets and 20 times the bytes'."""
     named = (("packets", "the packets"), ("bytes", "the bytes"))
     parts = [words.times(ratio, what) for name, what in named if (ratio := row.ratio(how, name)) is not None]
     return wording.listed(parts)
 
 
-def _amounts(row: Row) -> str:
+def _amounts(row: KindRow) -> str:
     each = [f"{_amount(row.sides[p])} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
     return f"For {_FORMS[row.form]} that is {' and '.join(each)}."
 
 
-def _amount(side: Side) -> str:
+def _amount(side: KindOnSide) -> str:
     return f"{words.digits(side.with_states.packets)} frames with {words.size(side.with_states.bytes)}"
 
 
-def _delays(row: Row) -> str:
+def _delays(row: KindRow) -> str:
     where = "its drone" if row.form == "command" else "the ground station"
     each = [f"{words.milliseconds(row.sides[p].delay_ms)} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
     return f"{_FORMS[row.form].capitalize()} reached {where} in {', in '.join(each)} (means)."
 
 
-def _lost(row: Row) -> str:
+def _lost(row: KindRow) -> str:
     each = [f"{row.sides[p].lost.text} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
     return f"{row.form.capitalize()}s lost: {', '.join(each)}."
 
 
-def _thesis(table: list[Row]) -> str:
+def _thesis(table: list[KindRow]) -> str:
     """The thesis's packet ratios for the kinds that were flown."""
     parts = []
     for form, label in (("command", "commands"), ("state", "states")):
@@ -99,7 +99,7 @@ def _thesis(table: list[Row]) -> str:
     return f"The thesis has {wording.listed(parts)}."
 
 
-def _how(metrics: Metrics, both: list[Row]) -> str:
+def _how(metrics: Metrics, both: list[KindRow]) -> str:
     counts = {p: len(completed(side)) for p, side in words.sides(metrics)}
     attempts = set(counts.values())
     if attempts == {1}:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import mean
 
-from ...numbers.kinds import Side, form_of, kinds_of, means_of
+from ...numbers.kinds import KindOnSide, form_of, kinds_of, means_of
 from ...numbers.observed import observe
 from ...numbers.quantity import quotient
 from ...numbers.written import Metrics
@@ -16,7 +16,7 @@ EXPERIMENT = thesis.MESSAGE_SET
 
 
 @dataclass(frozen=True)
-class Row:
+class KindRow:
     """A kind on all sides, and the thesis's figures of it by protocol (`thesis.of_kind`).
 
     `printed_frame` has the thesis's bytes per packet; `computed`: its MQTT-XT bytes are no measurement.
@@ -24,7 +24,7 @@ class Row:
 
     name: str
     form: str
-    sides: Mapping[str, Side]
+    sides: Mapping[str, KindOnSide]
     printed: dict[str, dict[str, float]]
     printed_frame: dict[str, int]
     computed: bool
@@ -48,10 +48,10 @@ def is_message_set(metrics: Metrics) -> bool:
     return bool(metrics["experiment"] == EXPERIMENT)
 
 
-def rows(metrics: Metrics) -> list[Row]:
+def rows(metrics: Metrics) -> list[KindRow]:
     """A row for each kind that a completed attempt has: commands, then states."""
     return [
-        Row(
+        KindRow(
             name,
             form_of(name),
             sides,
@@ -63,12 +63,12 @@ def rows(metrics: Metrics) -> list[Row]:
     ]
 
 
-def totals(metrics: Metrics) -> list[Row]:
+def totals(metrics: Metrics) -> list[KindRow]:
     """A row for one command and one for one state: means over the kinds of each form that all sides have."""
     found = []
     for form, (names, sides) in means_of(kinds_of(observe(metrics["protocols"]))).items():
         of_kind = [thesis.of_kind(name) for name in names]
         printed = {what: {p: mean(one[what][p] for one in of_kind) for p in of_kind[0][what]} for what in of_kind[0]}
         computed = any(thesis.bytes_were_computed(name) for name in names)
-        found.append(Row(f"mean {form}", form, sides, printed, {}, computed))
+        found.append(KindRow(f"mean {form}", form, sides, printed, {}, computed))
     return found

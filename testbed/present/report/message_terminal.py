@@ -9,7 +9,7 @@ from ...numbers import words
 from ...numbers.written import Metrics
 from ...plan import wording
 from . import message_sentences
-from .message_set import Row, rows, totals
+from .message_set import KindRow, rows, totals
 from .tables import plain_table
 
 
@@ -24,7 +24,7 @@ def print_kinds(metrics: Metrics, console: Console) -> None:
         console.print(said, soft_wrap=True, markup=False)
 
 
-def traffic_table(metrics: Metrics, table: list[Row]) -> Table:
+def traffic_table(metrics: Metrics, table: list[KindRow]) -> Table:
     """Frames and bytes per message, all and then its own alone, and the thesis's packet ratio."""
     protocols = [protocol for protocol, _ in words.sides(metrics)]
     made = _table("for one message: all frames on the links meanwhile, and its own alone")
@@ -48,7 +48,7 @@ def traffic_table(metrics: Metrics, table: list[Row]) -> Table:
     return made
 
 
-def delay_table(metrics: Metrics, table: list[Row]) -> Table:
+def delay_table(metrics: Metrics, table: list[KindRow]) -> Table:
     """The mean delay per message and how many were lost, with the thesis's figures."""
     protocols = [protocol for protocol, _ in words.sides(metrics)]
     made = _table("one message: one-way delay (mean) and loss, and the thesis's")

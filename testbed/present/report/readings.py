@@ -16,7 +16,7 @@ _NOTHING: AmountEntry = {"packets": 0, "bytes": 0}
 
 
 @dataclass(frozen=True)
-class Row:
+class ReadingsRow:
     """A series, with the entry in `metrics.json` of each side's attempt in detail."""
 
     drone: int
@@ -25,13 +25,13 @@ class Row:
     by: dict[str, ReadingsEntry]
 
 
-def rows_of(shown: Shown) -> list[Row]:
+def rows_of(shown: Shown) -> list[ReadingsRow]:
     """The rows, sorted by drone, one per kind; empty without sensors."""
-    found: dict[tuple[int, str], Row] = {}
+    found: dict[tuple[int, str], ReadingsRow] = {}
     for protocol, attempt in shown.items():
         for one in attempt["series"]:
             key = one["drone"], one["kind"]
-            found.setdefault(key, Row(*key, unit_of(one["unit"]), {})).by[protocol] = one
+            found.setdefault(key, ReadingsRow(*key, unit_of(one["unit"]), {})).by[protocol] = one
     return [found[key] for key in sorted(found, key=lambda key: key[0])]
 
 

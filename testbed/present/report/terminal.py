@@ -91,7 +91,7 @@ def measured_table(shown: details.Shown) -> Table:
     table = plain_table("links as configured, and as measured", "link")
     for heading in ("delay", "measured", "rate", "measured", "loss", "measured"):
         table.add_column(heading, justify="right")
-    kinds: dict[str, list[dict[str, details.Measured]]] = {}
+    kinds: dict[str, list[dict[str, details.LinkFigure]]] = {}
     for name, by in details.measured_links(shown):
         kind, _, way = name.split(":")
         kinds.setdefault(f"{kind} {way}", []).extend(by.values())

@@ -21,7 +21,7 @@ READING = (
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedClaim:
     """A claim in a cell: whether it holds (None: it cannot be judged), and the figure that decides it."""
 
     holds: bool | None
@@ -36,7 +36,7 @@ class Claim:
     """A claim: its heading, and the function that judges a cell by it."""
 
     heading: str
-    judge: Callable[[Cell], Judged]
+    judge: Callable[[Cell], JudgedClaim]
 
 
 def claims() -> tuple[Claim, ...]:
@@ -53,25 +53,25 @@ def claims() -> tuple[Claim, ...]:
     )
 
 
-def _times(cell: Cell, quantity: Quantity, claimed: float) -> Judged:
+def _times(cell: Cell, quantity: Quantity, claimed: float) -> JudgedClaim:
     ratio = row(quantity, cell.sides).ratio
-    return Judged(None) if ratio is None else Judged(ratio >= claimed, f"{words.ratio(ratio)}×")
+    return JudgedClaim(None) if ratio is None else JudgedClaim(ratio >= claimed, f"{words.ratio(ratio)}×")
 
 
-def _shorter(cell: Cell, claimed: float) -> Judged:
+def _shorter(cell: Cell, claimed: float) -> JudgedClaim:
     mission = row(MISSION, cell.sides).ratio
     if not mission or cell.experiment == MESSAGES:  # the message set is no mission
-        return Judged(None)
+        return JudgedClaim(None)
     saved = 1 - 1 / mission
     said = f"{words.share(abs(saved))} {'shorter' if saved > 0 else 'longer'}"
-    return Judged(saved >= claimed, said)
+    return JudgedClaim(saved >= claimed, said)
 
 
-def _loses(cell: Cell, protocol: str, most: float | None = None, least: float | None = None) -> Judged:
+def _loses(cell: Cell, protocol: str, most: float | None = None, least: float | None = None) -> JudgedClaim:
     """Judge the messages lost over a protocol against percentages: at most, or at least."""
     found = MESSAGES_LOST.figure(cell.sides[protocol])
     if found.loss is None or found.value is None:
-        return Judged(None)
+        return JudgedClaim(None)
     percent = 100 * found.value
     holds = (most is None or percent <= most) and (least is None or percent >= least)
-    return Judged(holds, f"{words.percent(percent) if found.loss.lost else '0'} of {found.loss.known:,}")
+    return JudgedClaim(holds, f"{words.percent(percent) if found.loss.lost else '0'} of {found.loss.known:,}")

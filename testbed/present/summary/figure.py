@@ -12,7 +12,7 @@ from ..report import thesis
 from ..report.figures.axes import Scale, bottom, decades, log_bounds
 from ..report.figures.draw import TEXT, Drawing
 from ..report.figures.figure import Figure
-from .numbers import Numbers
+from .numbers import NumbersRow
 from .overview import Block, Overview
 
 _LINE, _HEADING = 21.0, 27.0
@@ -47,7 +47,7 @@ def ratios(overview: Overview) -> Figure | None:
     )
 
 
-Blocks = list[tuple[Block, list[Numbers]]]
+Blocks = list[tuple[Block, list[NumbersRow]]]
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _change(time: float) -> str:
     return f"{'+' if percent > 0 else '−'}{abs(percent)} %" if percent else "0 %"
 
 
-def _rows(blocks: Blocks, top: float) -> list[tuple[str, Numbers, float]]:
+def _rows(blocks: Blocks, top: float) -> list[tuple[str, NumbersRow, float]]:
     """Each row with its profile and the y of its marks."""
     found, y = [], top
     for block, rows in blocks:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from ...numbers import words
-from ...numbers.kinds import DELAY, OWN_PACKETS, OWN_SIZE, PACKETS, SIZE, Quantity, Side, kinds_of
+from ...numbers.kinds import DELAY, OWN_PACKETS, OWN_SIZE, PACKETS, SIZE, KindOnSide, KindQuantity, kinds_of
 from ...numbers.quantity import quotient
 from .cells import SIDES, Cell
-from .numbers import Pair
+from .numbers import TextPair
 
 HEADINGS = (
     *("kind", "arm", "received", "packets, all", "×", "bytes, all", "×", "packets, alone", "×", "bytes, alone", "×"),
@@ -23,22 +23,22 @@ READING = (
 )
 
 
-def rows_of(cell: Cell) -> list[list[str | Pair]]:
+def rows_of(cell: Cell) -> list[list[str | TextPair]]:
     """A row for each kind: commands, then states; empty if the cell is no message set."""
     return [_row(cell, name, sides) for name, sides in kinds_of(cell.sides).items()]
 
 
-def _row(cell: Cell, name: str, sides: Mapping[str, Side]) -> list[str | Pair]:
-    row: list[str | Pair] = [name, cell.arm, _pair(sides, lambda side: f"{side.received:,} of {side.asked:,}")]
+def _row(cell: Cell, name: str, sides: Mapping[str, KindOnSide]) -> list[str | TextPair]:
+    row: list[str | TextPair] = [name, cell.arm, _pair(sides, lambda side: f"{side.received:,} of {side.asked:,}")]
     for quantity in (PACKETS, SIZE, OWN_PACKETS, OWN_SIZE):
         values = {protocol: quantity.of(side) for protocol, side in sides.items()}
         row += [_told(sides, quantity), words.ratio(quotient(values.get("mavlink"), values.get("mqttxt")))]
     return [*row, _told(sides, DELAY), _pair(sides, lambda side: side.lost.brief)]
 
 
-def _told(sides: Mapping[str, Side], quantity: Quantity) -> Pair:
+def _told(sides: Mapping[str, KindOnSide], quantity: KindQuantity) -> TextPair:
     return _pair(sides, lambda side: quantity.figure(side).text)
 
 
-def _pair(sides: Mapping[str, Side], text: Callable[[Side], str]) -> Pair:
-    return Pair(*(text(sides[protocol]) if protocol in sides else words.NOTHING for protocol in SIDES))
+def _pair(sides: Mapping[str, KindOnSide], text: Callable[[KindOnSide], str]) -> TextPair:
+    return TextPair(*(text(sides[protocol]) if protocol in sides else words.NOTHING for protocol in SIDES))

@@ -132,7 +132,7 @@ def series_of(overview: Overview) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Kind:
+class TableKind:
     """A kind of table: its parts, and how to read it, which is written below the first such table in a document."""
 
     write: Callable[[Overview], Iterator[str]]
@@ -140,11 +140,11 @@ class Kind:
 
 
 KINDS = {
-    "numbers": Kind(numbers_of, numbers.READING),
-    "claims": Kind(claims_of, claims.READING),
-    "bytes": Kind(bytes_of, traffic.READING),
-    "kinds": Kind(kinds_of, kinds.READING),
-    "series": Kind(series_of),
+    "numbers": TableKind(numbers_of, numbers.READING),
+    "claims": TableKind(claims_of, claims.READING),
+    "bytes": TableKind(bytes_of, traffic.READING),
+    "kinds": TableKind(kinds_of, kinds.READING),
+    "series": TableKind(series_of),
 }
 """The kinds by the first word of a marker's name; an experiment follows, and optionally a profile."""
 

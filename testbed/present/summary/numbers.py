@@ -40,7 +40,7 @@ READING = (
 
 
 @dataclass(frozen=True)
-class Pair:
+class TextPair:
     """The texts of both sides in a column."""
 
     mqttxt: str
@@ -51,7 +51,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class NumbersRow:
     """A row: its arm, the text of each column, and the cell, None if it was not flown.
 
     `packets`, `bytes`, `rate` (bytes per second) and `mission` are ratios of MAVLink's to MQTT-XT's, None if there is
@@ -59,7 +59,7 @@ class Numbers:
     """
 
     arm: str
-    texts: dict[str, str | Pair]
+    texts: dict[str, str | TextPair]
     cell: Cell | None = None
     packets: float | None = None
     bytes: float | None = None
@@ -67,17 +67,17 @@ class Numbers:
     mission: float | None = None
 
 
-def not_flown(arm: str) -> Numbers:
+def not_flown(arm: str) -> NumbersRow:
     """The row of a cell without a finished series."""
-    return Numbers(arm, {name: NOT_FLOWN if name == "completed" else "" for name in COLUMNS})
+    return NumbersRow(arm, {name: NOT_FLOWN if name == "completed" else "" for name in COLUMNS})
 
 
-def numbers_of(cell: Cell) -> Numbers:
+def numbers_of(cell: Cell) -> NumbersRow:
     """The row of a cell."""
     packets, size, mission, delay, rate = (
         row(quantity, cell.sides).ratio for quantity in (PACKETS, SIZE, MISSION, DELAY, COUNTED_BYTES_PER_S)
     )
-    texts: dict[str, str | Pair] = {
+    texts: dict[str, str | TextPair] = {
         "completed": completed_of(cell),
         "packets": _times(packets),
         "bytes": _times(size),
@@ -85,11 +85,11 @@ def numbers_of(cell: Cell) -> Numbers:
         "rates": _times(rate),
         "mission": _both(cell, MISSION),
         "change": change(1 / mission) if mission else words.NOTHING,
-        **{quantity.name: Pair(*losses.both_sides(cell, quantity)) for quantity in losses.QUANTITIES},
+        **{quantity.name: TextPair(*losses.both_sides(cell, quantity)) for quantity in losses.QUANTITIES},
         "delay": _both(cell, DELAY),
         "delay ratio": words.digits(1 / delay) if delay else words.NOTHING,
     }
-    return Numbers(cell.arm, texts, cell, packets, size, rate, mission)
+    return NumbersRow(cell.arm, texts, cell, packets, size, rate, mission)
 
 
 def attempts_of(cell: Cell, protocol: str) -> str:
@@ -97,9 +97,9 @@ def attempts_of(cell: Cell, protocol: str) -> str:
     return COMPLETED.figure(cell.sides[protocol]).text if protocol in cell.metrics["protocols"] else NOT_FLOWN
 
 
-def completed_of(cell: Cell) -> Pair:
+def completed_of(cell: Cell) -> TextPair:
     """As `attempts_of`, for both sides."""
-    return Pair(*(attempts_of(cell, protocol) for protocol in SIDES))
+    return TextPair(*(attempts_of(cell, protocol) for protocol in SIDES))
 
 
 def troubles(cell: Cell) -> list[str]:
@@ -117,8 +117,8 @@ def troubles(cell: Cell) -> list[str]:
     return said
 
 
-def _both(cell: Cell, quantity: Quantity) -> Pair:
-    return Pair(*(quantity.figure(cell.sides[protocol]).text for protocol in SIDES))
+def _both(cell: Cell, quantity: Quantity) -> TextPair:
+    return TextPair(*(quantity.figure(cell.sides[protocol]).text for protocol in SIDES))
 
 
 def _times(ratio: float | None) -> str:

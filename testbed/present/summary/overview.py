@@ -9,8 +9,8 @@ from ...plan.experiments import ARMS
 from ...plan.order import arms_in_order, experiments_in_order, profiles_in_order
 from ...plan.profiles.reading import profile_names
 from .cells import Cell
-from .claims import Judged, claims
-from .numbers import Numbers, not_flown, numbers_of, troubles
+from .claims import JudgedClaim, claims
+from .numbers import NumbersRow, not_flown, numbers_of, troubles
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class Block:
     """An experiment on a profile: a row for each arm, the judged claims of flown cells, and the failures."""
 
     profile: str
-    rows: tuple[Numbers, ...]
-    judged: tuple[tuple[Cell, tuple[Judged, ...]], ...]
+    rows: tuple[NumbersRow, ...]
+    judged: tuple[tuple[Cell, tuple[JudgedClaim, ...]], ...]
     troubles: tuple[tuple[str, str], ...]
     """Arms, each with a line on failed or void attempts."""
 

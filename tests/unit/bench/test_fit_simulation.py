@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from net.emulator.link import PASS, Link
+from net.emulator.link import PASS, EmulatedLink
 from net.emulator.plan import Settings
 from net.link_plan import LinkPlan
 from tests.bench.fit_calls import ANSWER, unanswered, with_calls
@@ -60,7 +60,7 @@ def test_jitter_holds_frames_back_rather_than_let_them_overtake() -> None:
 def test_it_keeps_and_times_the_frames_that_the_emulator_keeps() -> None:
     frames = [(frame.t_ns, frame.size, number) for number, frame in enumerate(exact("px4-onboard", 5))]
     figures = {"rate_bps": 318_000, "queue_packets": 60, "delay_us": 200_000, "jitter_us": 20_000}
-    link = Link("air:uav1:up", Settings(**figures), 7)
+    link = EmulatedLink("air:uav1:up", Settings(**figures), 7)
     fates = [(link.arrive(now_ns, size), size, number) for now_ns, size, number in frames]
     crossed = cross("air:uav1:up", LinkPlan(**figures), frames, 7)
     assert crossed.left == [(due_ns, size, number) for (due_ns, fate), size, number in fates if fate == PASS]

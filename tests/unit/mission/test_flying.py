@@ -11,7 +11,7 @@ import pytest
 
 from mission import flight
 from mission.events import EventLog
-from mission.fleet import MissionError, Reading, Result, Status
+from mission.fleet import CommandResult, MissionError, Reading, Status
 from mission.options import Options
 from mission.scenarios import scenario_1
 
@@ -34,9 +34,9 @@ class Fleet:
 
     async def close(self) -> None: ...
 
-    async def arm(self) -> list[Result]:
+    async def arm(self) -> list[CommandResult]:
         self.seen.append(("arm", self._watched.exists()))
-        return [Result(1, "denied", "autopilot")]
+        return [CommandResult(1, "denied", "autopilot")]
 
     def status(self, drone: int) -> Status:
         return Status()

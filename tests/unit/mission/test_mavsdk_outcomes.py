@@ -12,10 +12,10 @@ from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from mission.fleet import Point, Status
 from mission.mavsdk_outcomes import (
+    DronePosition,
     Goal,
     HeartbeatCount,
-    Place,
-    Told,
+    TimedValue,
     View,
     arm_goal,
     goto_goal,
@@ -37,11 +37,11 @@ ASKED_S = 100.0
 LATER = ASKED_S + 1
 
 
-def at(altitude_m: float, when_s: float = LATER) -> Told[Place]:
-    return Told(Place(47.0, 8.0, 488.0 + altitude_m, altitude_m), when_s)
+def at(altitude_m: float, when_s: float = LATER) -> TimedValue[DronePosition]:
+    return TimedValue(DronePosition(47.0, 8.0, 488.0 + altitude_m, altitude_m), when_s)
 
 
-def view(tells_landed: bool = True, **told: Told[object]) -> View:
+def view(tells_landed: bool = True, **told: TimedValue[object]) -> View:
     return replace(View(tells_landed), **told)  # type: ignore[arg-type]
 
 
@@ -83,9 +83,9 @@ def test_modes_and_landed_states_have_mqttxts_names() -> None:
 def test_armed_counts_when_it_is_told_after_the_call() -> None:
     goal = arm_goal()
     assert not goal.reached(view(), ASKED_S)
-    assert not goal.reached(view(armed=Told(True, ASKED_S - 1)), ASKED_S)
-    assert not goal.reached(view(armed=Told(False, LATER)), ASKED_S)
-    assert goal.reached(view(armed=Told(True, LATER)), ASKED_S)
+    assert not goal.reached(view(armed=TimedValue(True, ASKED_S - 1)), ASKED_S)
+    assert not goal.reached(view(armed=TimedValue(False, LATER)), ASKED_S)
+    assert goal.reached(view(armed=TimedValue(True, LATER)), ASKED_S)
 
 
 @pytest.mark.parametrize(
@@ -95,24 +95,24 @@ def test_armed_counts_when_it_is_told_after_the_call() -> None:
 def test_a_takeoff_is_completed_half_a_metre_or_five_percent_below_its_altitude(
     target_m: float, altitude_m: float, reached: bool
 ) -> None:
-    flying = view(place=at(altitude_m), landed=Told(Landed.IN_AIR, LATER))
+    flying = view(place=at(altitude_m), landed=TimedValue(Landed.IN_AIR, LATER))
     assert takeoff_goal(target_m).reached(flying, ASKED_S) is reached
 
 
 def test_a_takeoff_needs_the_air_where_the_streams_tell_it() -> None:
     goal = takeoff_goal(10)
     assert not goal.reached(view(place=at(10)), ASKED_S)
-    assert not goal.reached(view(place=at(10), landed=Told(Landed.TAKEOFF, LATER)), ASKED_S)
-    assert not goal.reached(view(place=at(10, ASKED_S - 1), landed=Told(Landed.IN_AIR, LATER)), ASKED_S)
+    assert not goal.reached(view(place=at(10), landed=TimedValue(Landed.TAKEOFF, LATER)), ASKED_S)
+    assert not goal.reached(view(place=at(10, ASKED_S - 1), landed=TimedValue(Landed.IN_AIR, LATER)), ASKED_S)
     assert goal.reached(view(tells_landed=False, place=at(10)), ASKED_S)
 
 
 @pytest.mark.parametrize("goal", [land_goal(), return_goal()], ids=["landing", "return"])
 def test_a_landing_and_a_return_are_completed_on_the_ground_and_disarmed(goal: Goal) -> None:
-    ground, disarmed = Told(Landed.ON_GROUND, LATER), Told(False, LATER)
+    ground, disarmed = TimedValue(Landed.ON_GROUND, LATER), TimedValue(False, LATER)
     assert goal.reached(view(armed=disarmed, landed=ground), ASKED_S)
-    assert not goal.reached(view(armed=Told(True, LATER), landed=ground), ASKED_S)
-    assert not goal.reached(view(armed=disarmed, landed=Told(Landed.LANDING, LATER)), ASKED_S)
+    assert not goal.reached(view(armed=TimedValue(True, LATER), landed=ground), ASKED_S)
+    assert not goal.reached(view(armed=disarmed, landed=TimedValue(Landed.LANDING, LATER)), ASKED_S)
     assert goal.reached(view(tells_landed=False, armed=disarmed), ASKED_S)
 
 
@@ -123,7 +123,7 @@ def test_a_landing_and_a_return_are_completed_on_the_ground_and_disarmed(goal: G
 def test_a_drone_has_arrived_within_two_metres_across_and_one_in_height(
     north_m: float, altitude_m: float, reached: bool
 ) -> None:
-    there = Told(Place(47.0 + north_m / 111_195, 8.0, 488.0 + altitude_m, altitude_m), LATER)
+    there = TimedValue(DronePosition(47.0 + north_m / 111_195, 8.0, 488.0 + altitude_m, altitude_m), LATER)
     goal = goto_goal(Point(47.0, 8.0, 10.0))
     assert goal.reached(view(place=there), ASKED_S) is reached
     assert not goal.reached(view(place=replace(there, at_s=ASKED_S - 1)), ASKED_S), "told before it was asked"
@@ -131,7 +131,7 @@ def test_a_drone_has_arrived_within_two_metres_across_and_one_in_height(
 
 def test_a_return_ends_with_a_landing_and_with_nothing_else() -> None:
     goal = return_goal()
-    landing, hold = Told(FlightModeName.LAND, LATER), Told(FlightModeName.HOLD, LATER)
+    landing, hold = TimedValue(FlightModeName.LAND, LATER), TimedValue(FlightModeName.HOLD, LATER)
     assert goal.failure(view(mode=landing), ASKED_S, entered=True) is None, "it ends with a landing"
     assert goal.failure(view(mode=hold), ASKED_S, entered=True) == "mode_changed"
 
@@ -142,14 +142,16 @@ def test_homes_height_is_what_the_two_altitudes_of_a_place_differ_by() -> None:
 
 def test_what_can_no_longer_succeed_has_failed() -> None:
     takeoff, land = takeoff_goal(10), land_goal()
-    hold, position = Told(FlightModeName.HOLD, LATER), Told(FlightModeName.POSITION, LATER)
-    assert takeoff.failure(view(armed=Told(False, LATER)), ASKED_S, entered=True) == "disarmed"
-    assert land.failure(view(armed=Told(False, LATER)), ASKED_S, entered=True) is None
+    hold, position = TimedValue(FlightModeName.HOLD, LATER), TimedValue(FlightModeName.POSITION, LATER)
+    assert takeoff.failure(view(armed=TimedValue(False, LATER)), ASKED_S, entered=True) == "disarmed"
+    assert land.failure(view(armed=TimedValue(False, LATER)), ASKED_S, entered=True) is None
     assert takeoff.failure(view(mode=hold), ASKED_S, entered=True) is None, "hold follows a takeoff"
     assert land.failure(view(mode=hold), ASKED_S, entered=True) == "mode_changed"
     assert takeoff.failure(view(mode=position), ASKED_S, entered=True) == "mode_changed"
     assert takeoff.failure(view(mode=position), ASKED_S, entered=False) is None, "its own mode may still come"
-    assert takeoff.failure(view(mode=Told(FlightModeName.POSITION, 99)), ASKED_S, entered=True) is None, "told before"
+    assert takeoff.failure(view(mode=TimedValue(FlightModeName.POSITION, 99)), ASKED_S, entered=True) is None, (
+        "told before"
+    )
 
 
 def test_a_view_as_a_status_and_what_it_lacks() -> None:
@@ -157,10 +159,10 @@ def test_a_view_as_a_status_and_what_it_lacks() -> None:
     assert view().missing == ["armed", "flight_mode", "location", "landed_state"]
     assert view(tells_landed=False).missing == ["armed", "flight_mode", "location"]
     told = view(
-        armed=Told(True, 1),
-        mode=Told(FlightModeName.TAKEOFF, 1),
+        armed=TimedValue(True, 1),
+        mode=TimedValue(FlightModeName.TAKEOFF, 1),
         place=at(4.5),
-        landed=Told(Landed.TAKEOFF, 1),
+        landed=TimedValue(Landed.TAKEOFF, 1),
     )
     assert told.missing == []
     assert told.status == Status(armed=True, mode="takeoff", altitude_m=4.5, landed="takeoff")

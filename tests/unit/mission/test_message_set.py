@@ -13,7 +13,7 @@ import pytest
 
 from mission import message_set
 from mission.events import EventLog
-from mission.fleet import MissionError, Result, Told
+from mission.fleet import CommandResult, MissionError, StateValue
 from mission.message_set import COMMANDS, STATES, MessageSet
 
 GROUND, READY, HOVER = (False, 0.0), (True, 0.0), (True, 10.0)
@@ -53,25 +53,27 @@ class Drone:
     async def changed(self) -> None:
         await asyncio.sleep(0)
 
-    async def call(self, call: int, name: str) -> Result:
+    async def call(self, call: int, name: str) -> CommandResult:
         assert not self._is_open, "the last call has not ended"
         self._is_open = True
         self.did.append((name, self._start))
         words = self._answers.get(name, [])
-        return Result(1, words.pop(0) if words else "accepted")
+        return CommandResult(1, words.pop(0) if words else "accepted")
 
     async def stop_fixed_rates(self) -> None:
         self.did.append("stop_fixed_rates")
 
-    async def request_state(self, name: str) -> asyncio.Queue[Told]:
+    async def request_state(self, name: str) -> asyncio.Queue[StateValue]:
         self.did.append(("request_state", name))
         if name in self._refused:
             raise MissionError(f"stream {name}: denied (unknown_state)")
-        values: asyncio.Queue[Told] = asyncio.Queue()
-        values.put_nowait(Told({name: "of before"}, 0))
+        values: asyncio.Queue[StateValue] = asyncio.Queue()
+        values.put_nowait(StateValue({name: "of before"}, 0))
         if name not in self._silent:
             values.get_nowait()
-            asyncio.get_running_loop().call_soon(lambda: [values.put_nowait(Told({name: n}, 10 * n)) for n in range(5)])
+            asyncio.get_running_loop().call_soon(
+                lambda: [values.put_nowait(StateValue({name: n}, 10 * n)) for n in range(5)]
+            )
         return values
 
     async def stop_state(self, name: str) -> None:

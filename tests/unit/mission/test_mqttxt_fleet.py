@@ -14,7 +14,7 @@ import pytest
 
 from mission import mqttxt_fleet
 from mission.events import EventLog
-from mission.fleet import MissionError, Point, Result
+from mission.fleet import CommandResult, MissionError, Point
 from mission.mqttxt_fleet import NEEDED_STATES, TTL_S, MqttxtFleet
 from mqttxt import (
     Arm,
@@ -221,8 +221,8 @@ async def test_each_drone_is_sent_to_its_own_point_and_all_return_by_broadcast(
     points = {drone: Point(47.0 + drone / 1000, 8.0, 10.0) for drone in (1, 2, 4)}
     async with connected(monkeypatch, station, path) as fleet:
         assert await fleet.goto(points) == [
-            *(Result(drone, "completed") for drone in (1, 2)),
-            Result(4, "failed", "unknown_state"),
+            *(CommandResult(drone, "completed") for drone in (1, 2)),
+            CommandResult(4, "failed", "unknown_state"),
         ]
         assert [result.drone for result in await fleet.return_home()] == [1, 2, 4]
     assert station.asked[:3] == [(drone, Goto(47.0 + drone / 1000, 8.0, 10.0)) for drone in (1, 2, 4)]
@@ -241,7 +241,7 @@ async def test_the_fogs_choose_who_flies_to_a_point(
             with pytest.raises(MissionError, match=r"^goto_best: denied \(none_left\)$"):
                 await fleet.goto_best(Point(47.0, 8.0, 10.0))
         else:
-            assert await fleet.goto_best(Point(47.0, 8.0, 10.0)) == Result(4, "completed")
+            assert await fleet.goto_best(Point(47.0, 8.0, 10.0)) == CommandResult(4, "completed")
     assert station.asked == [((1, 2), Goto(47.0, 8.0, 10.0))]
     assert [event["chosen"] for event in _events(path, "psmi")] == [4]
 

@@ -14,7 +14,7 @@ import pytest
 
 from mission import mqttxt_messages
 from mission.events import EventLog
-from mission.fleet import MissionError, Result
+from mission.fleet import CommandResult, MissionError
 from mission.mqttxt_messages import MqttxtMessageFleet
 from mqttxt import Armed, BrokerRefused, Command, FogUnreachable, KnownState, Outcome, SentCommand, Word
 from mqttxt.protocol.messages import CommandId
@@ -83,21 +83,21 @@ def _said(tmp_path: Path) -> list[tuple[int, str, str | None]]:
 
 async def test_a_call_returns_at_its_first_word_and_is_settled_by_its_last(make: Make, tmp_path: Path) -> None:
     fleet = make(Drone((Word.ACCEPTED, Word.FAILED)))
-    assert await fleet.call(7, "takeoff") == Result(1, "accepted")
+    assert await fleet.call(7, "takeoff") == CommandResult(1, "accepted")
     assert await fleet.settle()
     assert _said(tmp_path) == [(7, "accepted", None), (7, "failed", "disarmed")]
 
 
 async def test_a_call_that_nobody_says_a_word_of_is_the_stations_own_unconfirmed(make: Make, tmp_path: Path) -> None:
     fleet = make(Drone((), ends=False))
-    assert await fleet.call(3, "goto") == Result(1, "unconfirmed", "no_word")
+    assert await fleet.call(3, "goto") == CommandResult(1, "unconfirmed", "no_word")
     assert not await fleet.settle()
     assert _said(tmp_path) == [(3, "unconfirmed", "no_word")]
 
 
 async def test_a_call_without_a_live_fog_is_not_sent(make: Make, tmp_path: Path) -> None:
     fleet = make(Drone((), raises=FogUnreachable("fog 1: no live activator")))
-    assert await fleet.call(3, "land") == Result(1, "unreachable", "not_sent")
+    assert await fleet.call(3, "land") == CommandResult(1, "unreachable", "not_sent")
     assert await fleet.settle()
     assert _said(tmp_path) == [(3, "unreachable", "not_sent")]
 

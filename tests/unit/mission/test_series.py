@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from mission.fleet import Reading
-from mission.series import KINDS, Series, compare, has_measured, read_measured, write
+from mission.series import KINDS, ReadingSeries, compare, has_measured, read_measured, write
 
 FIRST = Reading(drone=2, sensor=2, boot=9, seq=0, kind="light", value=120.0, unit="lx", time_ms=1000)
 SECOND = replace(FIRST, seq=3, value=121.0, time_ms=2000)
 
 
-def _light(measured: list[Reading], arrived: list[Reading], samples: int = 2) -> Series:
+def _light(measured: list[Reading], arrived: list[Reading], samples: int = 2) -> ReadingSeries:
     return {series.kind: series for series in compare((2,), measured, arrived, samples)}["light"]
 
 

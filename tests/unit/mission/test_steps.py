@@ -13,7 +13,7 @@ import pytest
 
 from mission import scenarios, steps
 from mission.events import EventLog
-from mission.fleet import MissionError, Point, Reading, Result, Status, Survey
+from mission.fleet import CommandResult, MissionError, Point, Reading, Status, Survey
 from mission.points import points_of
 from mission.steps import Steps
 from mission.surveys import surveys_of
@@ -28,7 +28,7 @@ class Fleet:
     later_s = 0.0
     """Behind a step's limit, when it is known what became of a command."""
 
-    def __init__(self, **answers: list[Result]) -> None:
+    def __init__(self, **answers: list[CommandResult]) -> None:
         self.asked: list[Any] = []
         self.readings: list[Reading] = []
         self._answers = answers
@@ -42,32 +42,32 @@ class Fleet:
     def within(self, limit_s: float) -> float:
         return limit_s + self.later_s
 
-    async def arm(self) -> list[Result]:
+    async def arm(self) -> list[CommandResult]:
         return self._answer("arm", Status(armed=True, mode="hold", altitude_m=0.0, landed="on_ground"))
 
-    async def takeoff(self, altitude_m: float) -> list[Result]:
+    async def takeoff(self, altitude_m: float) -> list[CommandResult]:
         self.asked.append(altitude_m)
         return self._answer("takeoff", Status(armed=True, mode="hold", altitude_m=altitude_m, landed="in_air"))
 
-    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+    async def goto(self, points: Mapping[int, Point]) -> list[CommandResult]:
         self.asked.append(dict(points))
         return self._answer("goto", Status(armed=True, mode="hold", altitude_m=10.0, landed="in_air"))
 
-    async def goto_best(self, point: Point) -> Result:
+    async def goto_best(self, point: Point) -> CommandResult:
         self.asked.append(point)
         return self._answer("best", self._now)[0]
 
-    async def return_home(self) -> list[Result]:
+    async def return_home(self) -> list[CommandResult]:
         return self._answer("return", Status(armed=False, mode="return", altitude_m=0.0, landed="on_ground"))
 
-    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[CommandResult]:
         self.asked.append(dict(surveys))
         return self._answer("upload", self._now)
 
-    async def fly_survey(self) -> list[Result]:
+    async def fly_survey(self) -> list[CommandResult]:
         return self._answer("survey", Status(armed=False, mode="hold", altitude_m=0.0, landed="on_ground"))
 
-    async def land(self) -> list[Result]:
+    async def land(self) -> list[CommandResult]:
         return self._answer("land", Status(armed=False, mode="land", altitude_m=0.0, landed="on_ground"))
 
     def status(self, drone: int) -> Status:
@@ -85,10 +85,10 @@ class Fleet:
         self.readings.append(Reading(drone, drone, 1, seq, kind, 0.5, UNITS[kind], 1000 * seq))
         self._news.set()
 
-    def _answer(self, name: str, status: Status) -> list[Result]:
+    def _answer(self, name: str, status: Status) -> list[CommandResult]:
         self.asked.append(name)
         self.becomes(status)
-        return self._answers.get(name, [Result(drone, "completed") for drone in self.drones])
+        return self._answers.get(name, [CommandResult(drone, "completed") for drone in self.drones])
 
 
 @pytest.fixture
@@ -144,7 +144,7 @@ async def test_scenario_5_uploads_a_survey_to_each_drone_before_it_arms(log: Eve
 
 
 async def test_scenario_5_arms_nobody_where_an_upload_fails(log: EventLog) -> None:
-    fleet = Fleet(upload=[Result(1, "completed"), Result(2, "failed", "mission item 7: unsupported")])
+    fleet = Fleet(upload=[CommandResult(1, "completed"), CommandResult(2, "failed", "mission item 7: unsupported")])
     with pytest.raises(MissionError, match=r"upload: drone 2: failed \(mission item 7: unsupported\)"):
         await scenarios.scenario_5(fleet, Steps(fleet, log))
     assert "arm" not in fleet.asked
@@ -196,15 +196,15 @@ async def test_a_drone_of_whose_sensor_nothing_came_is_named_with_it(
 
 async def test_the_drone_that_went_is_told_and_one_that_did_not_arrive_fails_the_step(log: EventLog) -> None:
     point = Point(47.0, 8.0, 10.0)
-    fleet = Fleet(best=[Result(2, "completed")])
+    fleet = Fleet(best=[CommandResult(2, "completed")])
     assert await Steps(fleet, log).goto_best(point, limit_s=5) == 2
     assert fleet.asked == [point, "best"]
     with pytest.raises(MissionError, match=r"^goto: drone 1: failed \(mode_changed\)$"):
-        await Steps(Fleet(best=[Result(1, "failed", "mode_changed")]), log).goto_best(point, limit_s=5)
+        await Steps(Fleet(best=[CommandResult(1, "failed", "mode_changed")]), log).goto_best(point, limit_s=5)
 
 
 async def test_a_drone_that_does_not_arrive_fails_scenario_2(log: EventLog) -> None:
-    fleet = Fleet(goto=[Result(1, "completed"), Result(2, "failed", "mode_changed")])
+    fleet = Fleet(goto=[CommandResult(1, "completed"), CommandResult(2, "failed", "mode_changed")])
     with pytest.raises(MissionError, match=r"^goto: drone 2: failed \(mode_changed\)$"):
         await scenarios.scenario_2(fleet, Steps(fleet, log))
     assert "return" not in fleet.asked
@@ -213,16 +213,19 @@ async def test_a_drone_that_does_not_arrive_fails_scenario_2(log: EventLog) -> N
 @pytest.mark.parametrize(
     ("answers", "reason"),
     [
-        ({"arm": [Result(1, "completed"), Result(2, "denied", "autopilot")]}, "arm: drone 2: denied (autopilot)"),
-        ({"takeoff": [Result(1, "completed")]}, "takeoff: drone 2: no answer"),
         (
-            {"land": [Result(1, "unconfirmed"), Result(2, "failed", "timeout")]},
+            {"arm": [CommandResult(1, "completed"), CommandResult(2, "denied", "autopilot")]},
+            "arm: drone 2: denied (autopilot)",
+        ),
+        ({"takeoff": [CommandResult(1, "completed")]}, "takeoff: drone 2: no answer"),
+        (
+            {"land": [CommandResult(1, "unconfirmed"), CommandResult(2, "failed", "timeout")]},
             "land: drone 1: unconfirmed; drone 2: failed (timeout)",
         ),
     ],
 )
 async def test_a_drone_that_does_not_complete_fails_the_mission_by_name(
-    answers: dict[str, list[Result]], reason: str, log: EventLog, tmp_path: Path
+    answers: dict[str, list[CommandResult]], reason: str, log: EventLog, tmp_path: Path
 ) -> None:
     fleet = Fleet(**answers)
     with pytest.raises(MissionError) as failure:
@@ -237,11 +240,11 @@ async def test_a_drone_that_does_not_complete_fails_the_mission_by_name(
 async def test_a_step_that_takes_too_long_says_where_each_drone_is(log: EventLog) -> None:
     fleet = Fleet()
 
-    async def forever() -> list[Result]:
+    async def forever() -> list[CommandResult]:
         await asyncio.Event().wait()
         return []
 
-    asking: Callable[[], Awaitable[list[Result]]] = forever
+    asking: Callable[[], Awaitable[list[CommandResult]]] = forever
     with pytest.raises(MissionError, match=r"arm: not done within 0\.05 s \(drone 1: disarmed, on the ground, hold; "):
         await Steps(fleet, log).command("arm", asking, limit_s=0.05)
 
@@ -250,9 +253,9 @@ async def test_a_step_waits_for_the_word_that_tells_what_became_of_its_command(l
     fleet = Fleet()
     fleet.later_s = 30.0
 
-    async def unconfirmed() -> list[Result]:
+    async def unconfirmed() -> list[CommandResult]:
         await asyncio.sleep(0.05)
-        return [Result(1, "completed"), Result(2, "unconfirmed")]
+        return [CommandResult(1, "completed"), CommandResult(2, "unconfirmed")]
 
     with pytest.raises(MissionError, match=r"^land: drone 2: unconfirmed$"):
         await Steps(fleet, log).command("land", unconfirmed, limit_s=0.01)

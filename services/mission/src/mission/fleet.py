@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 
 @dataclass(frozen=True)
-class Result:
+class CommandResult:
     """The outcome of a command for one drone: the last word and its reason."""
 
     drone: int
@@ -87,28 +87,28 @@ class Fleet(Protocol):
     def within(self, limit_s: float) -> float:
         """Limit commands from now on; returns the seconds after which no last word of theirs can arrive any more."""
 
-    async def arm(self) -> list[Result]: ...
+    async def arm(self) -> list[CommandResult]: ...
 
-    async def takeoff(self, altitude_m: float) -> list[Result]: ...
+    async def takeoff(self, altitude_m: float) -> list[CommandResult]: ...
 
-    async def land(self) -> list[Result]: ...
+    async def land(self) -> list[CommandResult]: ...
 
-    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+    async def goto(self, points: Mapping[int, Point]) -> list[CommandResult]:
         """Send each drone of `points` to its own point; completed on arrival."""
 
-    async def goto_best(self, point: Point) -> Result:
+    async def goto_best(self, point: Point) -> CommandResult:
         """Send the drone that arrives first; completed on arrival. The result names the drone.
 
         MQTT-XT's activators choose it (PSMI). Raises MissionError if the protocol has no such choice, or no drone can.
         """
 
-    async def return_home(self) -> list[Result]:
+    async def return_home(self) -> list[CommandResult]:
         """Return to the takeoff point and land; completed when landed and disarmed."""
 
-    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[CommandResult]:
         """Replace the mission of each drone of `surveys`; completed when the protocol confirms the upload."""
 
-    async def fly_survey(self) -> list[Result]:
+    async def fly_survey(self) -> list[CommandResult]:
         """Fly the uploaded missions; completed when landed and disarmed."""
 
     @property
@@ -121,7 +121,7 @@ class Fleet(Protocol):
         """Return when a message arrived since the last call."""
 
 
-class Told(NamedTuple):
+class StateValue(NamedTuple):
     """A state's value, and its greatest possible age on arrival, ms; None if that is unknown."""
 
     value: dict[str, Any]
@@ -134,7 +134,7 @@ class MessageFleet(Fleet, Protocol):
     tells_faster: bool
     """Whether states arrive at the vehicle's own rates instead of those that `request_state` requests."""
 
-    async def call(self, call: int, name: str) -> Result:
+    async def call(self, call: int, name: str) -> CommandResult:
         """Make one API call of a command; return when the autopilot has acknowledged it or the call has failed.
 
         `call` is its number in the events.
@@ -149,7 +149,7 @@ class MessageFleet(Fleet, Protocol):
     async def stop_fixed_rates(self) -> None:
         """End the states that the arm publishes at a fixed rate. Raises MissionError."""
 
-    async def request_state(self, name: str) -> asyncio.Queue[Told]:
+    async def request_state(self, name: str) -> asyncio.Queue[StateValue]:
         """Request a state at 1 Hz; returns the queue of its values. Raises MissionError."""
 
     async def stop_state(self, name: str) -> None:

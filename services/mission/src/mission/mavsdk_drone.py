@@ -20,7 +20,7 @@ from mqttxt import Word
 
 from .events import EventLog
 from .fleet import MissionError
-from .mavsdk_outcomes import Goal, HeartbeatCount, Told, View, landed_of, mode_of, place_of
+from .mavsdk_outcomes import Goal, HeartbeatCount, TimedValue, View, landed_of, mode_of, place_of
 
 logger = logging.getLogger("mavsdk")
 Value = TypeVar("Value")
@@ -195,21 +195,21 @@ class MavsdkDrone:
         """MAVSDK reports `armed` with every heartbeat of the autopilot, changed or not."""
         now_s = self._clock()
         self.heartbeats.heard(now_s)
-        before, self.view.armed = self.view.armed, Told(armed, now_s)
+        before, self.view.armed = self.view.armed, TimedValue(armed, now_s)
         if before is None or before.value != armed:
             self._write("armed", {"armed": armed})
         self._tell()
 
     def _on_mode(self, mode: FlightMode) -> None:
         name = mode_of(mode)
-        before, self.view.mode = self.view.mode, Told(name, self._clock())
+        before, self.view.mode = self.view.mode, TimedValue(name, self._clock())
         if before is None or before.value != name:
             self._write("flight_mode", {"mode": name.label})
         self._tell()
 
     def _on_landed(self, state: LandedState) -> None:
         landed = landed_of(state)
-        before, self.view.landed = self.view.landed, Told(landed, self._clock())
+        before, self.view.landed = self.view.landed, TimedValue(landed, self._clock())
         if before is None or before.value != landed:
             self._write("landed_state", {"landed": landed.label})
         self._tell()
@@ -217,7 +217,7 @@ class MavsdkDrone:
     def _on_position(self, found: Position) -> None:
         now_s = self._clock()
         place = place_of(found)
-        self.view.place = Told(place, now_s)
+        self.view.place = TimedValue(place, now_s)
         if now_s - self._logged_place_s >= LOCATION_LOG_S:
             self._logged_place_s = now_s
             self._write("location", asdict(place))

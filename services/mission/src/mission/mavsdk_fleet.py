@@ -19,7 +19,7 @@ from mavsdk.plugins.mission_raw import MissionRawError
 from mqttxt import Word
 
 from .events import EventLog
-from .fleet import MissionError, Point, Reading, Result, Status, Survey
+from .fleet import CommandResult, MissionError, Point, Reading, Status, Survey
 from .mavsdk_calls import go_to, items_of, take_off
 from .mavsdk_drone import Calls, MavsdkDrone
 from .mavsdk_outcomes import (
@@ -126,16 +126,16 @@ class MavsdkFleet:
             await asyncio.to_thread(mavsdk.destroy)
             log_unsubscribe()
 
-    async def arm(self) -> list[Result]:
+    async def arm(self) -> list[CommandResult]:
         return await self._command("arm", lambda drone: drone.action.arm(), arm_goal())
 
-    async def takeoff(self, altitude_m: float) -> list[Result]:
+    async def takeoff(self, altitude_m: float) -> list[CommandResult]:
         return await self._command("takeoff", lambda drone: take_off(drone, altitude_m), takeoff_goal(altitude_m))
 
-    async def land(self) -> list[Result]:
+    async def land(self) -> list[CommandResult]:
         return await self._command("land", lambda drone: drone.action.land(), land_goal())
 
-    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+    async def goto(self, points: Mapping[int, Point]) -> list[CommandResult]:
         goals = {drone: goto_goal(point) for drone, point in points.items()}
         return await self._command_each("goto", lambda drone: go_to(drone, points[drone.number]), goals)
 
@@ -143,21 +143,21 @@ class MavsdkFleet:
         """MAVLink's commands have no limit, nor a last word that arrives later."""
         return limit_s
 
-    async def goto_best(self, point: Point) -> Result:
+    async def goto_best(self, point: Point) -> CommandResult:
         """Raises MissionError: MAVLink has no choice among drones."""
         raise MissionError("goto_best: MAVLink has no choice among drones; expected the protocol mqttxt")
 
-    async def return_home(self) -> list[Result]:
+    async def return_home(self) -> list[CommandResult]:
         return await self._command("return", lambda drone: drone.action.return_to_launch(), return_goal())
 
-    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[CommandResult]:
         """Completed when the vehicle has acknowledged the mission: nothing is read back."""
         goals = dict.fromkeys(surveys, uploaded_goal())
         return await self._command_each(
             "upload_plan", lambda drone: drone.mission.upload_mission(items_of(surveys[drone.number])), goals
         )
 
-    async def fly_survey(self) -> list[Result]:
+    async def fly_survey(self) -> list[CommandResult]:
         return await self._command("start_mission", lambda drone: drone.mission.start_mission(), survey_goal())
 
     @property
@@ -240,11 +240,11 @@ class MavsdkFleet:
         if lost:
             raise MissionError("; ".join(lost))
 
-    async def _command(self, command: str, ask: Ask, goal: Goal) -> list[Result]:
+    async def _command(self, command: str, ask: Ask, goal: Goal) -> list[CommandResult]:
         """Make the same call for every drone."""
         return await self._command_each(command, ask, dict.fromkeys(self.drones, goal))
 
-    async def _command_each(self, command: str, ask: Ask, goals: Mapping[int, Goal]) -> list[Result]:
+    async def _command_each(self, command: str, ask: Ask, goals: Mapping[int, Goal]) -> list[CommandResult]:
         """Call the drones of `goals`, one by one or at once as `commanding` has it; completions overlap."""
         async with asyncio.TaskGroup() as group:
             flown = []
@@ -256,19 +256,21 @@ class MavsdkFleet:
                     await acknowledged.wait()
         return [flight.result() for flight in flown]
 
-    async def _fly(self, drone: MavsdkDrone, command: str, ask: Ask, goal: Goal, acknowledged: asyncio.Event) -> Result:
+    async def _fly(
+        self, drone: MavsdkDrone, command: str, ask: Ask, goal: Goal, acknowledged: asyncio.Event
+    ) -> CommandResult:
         """Carry a command from its call to its last word; `acknowledged` is set when the call has returned."""
         accepted = await self._call(drone, command, ask)
         acknowledged.set()
-        if isinstance(accepted, Result):
+        if isinstance(accepted, CommandResult):
             return accepted
         word, reason = await drone.settle(goal, accepted.asked_s)
         return self._note(accepted.call, command, drone, word, reason)
 
-    async def _call(self, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | Result:
+    async def _call(self, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | CommandResult:
         return await self._call_as(self._log.next_call(), drone, command, ask)
 
-    async def _call_as(self, call: int, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | Result:
+    async def _call_as(self, call: int, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | CommandResult:
         """Make a call under a given number."""
         asked_s = asyncio.get_running_loop().time()
         self._log.write("command", call=call, command=command, fog=drone.fog, drone=drone.number)
@@ -279,9 +281,9 @@ class MavsdkFleet:
         self._note(call, command, drone, Word.ACCEPTED, None)
         return _Accepted(call, asked_s)
 
-    def _note(self, call: int, command: str, drone: MavsdkDrone, word: Word, reason: str | None) -> Result:
+    def _note(self, call: int, command: str, drone: MavsdkDrone, word: Word, reason: str | None) -> CommandResult:
         self._log.outcome(call, command, drone.fog, drone.number, word, reason)
-        return Result(drone.number, word.label, reason)
+        return CommandResult(drone.number, word.label, reason)
 
 
 def _to_logger(level: LogLevel, message: str, file: str | None, line: int) -> bool:

@@ -15,7 +15,7 @@ from mavsdk.plugins.offboard import OffboardError, VelocityNedYaw
 from mqttxt import Word
 
 from .events import EventLog
-from .fleet import MissionError, Result, Told
+from .fleet import CommandResult, MissionError, StateValue
 from .mavsdk_calls import go_to, take_off
 from .mavsdk_drone import FIVE_STATES_HZ, MavsdkDrone
 from .mavsdk_fleet import Ask, MavsdkFleet
@@ -52,7 +52,7 @@ class MavsdkMessageFleet(MavsdkFleet):
         self._news.clear()
         await self._news.wait()
 
-    async def call(self, call: int, name: str) -> Result:
+    async def call(self, call: int, name: str) -> CommandResult:
         asks: dict[str, Ask] = {
             "arm": lambda drone: drone.action.arm(),
             "takeoff": lambda drone: take_off(drone, HOVER_M),
@@ -65,7 +65,7 @@ class MavsdkMessageFleet(MavsdkFleet):
                 accepted = await self._call_as(call, self._drone, name, asks[name])
             except OffboardError as error:
                 return self._note(call, name, self._drone, *refusal(error.result))
-            return accepted if isinstance(accepted, Result) else Result(self._number, Word.ACCEPTED.label)
+            return accepted if isinstance(accepted, CommandResult) else CommandResult(self._number, Word.ACCEPTED.label)
 
     async def settle(self) -> bool:
         """End offboard's set-points, and wait for copies of the last call, which itself ended when it returned."""
@@ -90,9 +90,9 @@ class MavsdkMessageFleet(MavsdkFleet):
             for name in ("battery", "location", "groundspeed"):
                 await self._ask_rate(name, 0.0)
 
-    async def request_state(self, name: str) -> asyncio.Queue[Told]:
+    async def request_state(self, name: str) -> asyncio.Queue[StateValue]:
         await self._end_telling()
-        told: asyncio.Queue[Told] = asyncio.Queue()
+        told: asyncio.Queue[StateValue] = asyncio.Queue()
         values, form = self._subscription(name)
         self._telling = asyncio.create_task(_take(values, form, told))
         if not self.tells_faster:
@@ -169,8 +169,8 @@ class MavsdkMessageFleet(MavsdkFleet):
 
 
 async def _take(
-    values: AsyncGenerator[Any, None], form: Callable[[Any], dict[str, Any]], told: asyncio.Queue[Told]
+    values: AsyncGenerator[Any, None], form: Callable[[Any], dict[str, Any]], told: asyncio.Queue[StateValue]
 ) -> None:
     async with contextlib.aclosing(values):
         async for value in values:
-            told.put_nowait(Told(form(value), age_ms=None))
+            told.put_nowait(StateValue(form(value), age_ms=None))

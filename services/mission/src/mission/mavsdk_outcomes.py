@@ -75,7 +75,7 @@ def landed_of(state: LandedState) -> Landed:
 
 
 @dataclass(frozen=True)
-class Place:
+class DronePosition:
     """A drone's position; `altitude_m` is in metres above home, as GLOBAL_POSITION_INT.relative_alt."""
 
     latitude_deg: float
@@ -84,13 +84,13 @@ class Place:
     altitude_m: float
 
 
-def place_of(found: Position) -> Place:
+def place_of(found: Position) -> DronePosition:
     """MAVSDK's position as a place."""
-    return Place(found.latitude_deg, found.longitude_deg, found.absolute_altitude_m, found.relative_altitude_m)
+    return DronePosition(found.latitude_deg, found.longitude_deg, found.absolute_altitude_m, found.relative_altitude_m)
 
 
 @dataclass(frozen=True)
-class Told(Generic[Value]):
+class TimedValue(Generic[Value]):
     """A value and when its message was received, in seconds of the event loop's clock."""
 
     value: Value
@@ -102,10 +102,10 @@ class View:
     """A drone's newest telemetry. `tells_landed`: its streams carry EXTENDED_SYS_STATE."""
 
     tells_landed: bool
-    armed: Told[bool] | None = None
-    mode: Told[FlightModeName] | None = None
-    place: Told[Place] | None = None
-    landed: Told[Landed] | None = None
+    armed: TimedValue[bool] | None = None
+    mode: TimedValue[FlightModeName] | None = None
+    place: TimedValue[DronePosition] | None = None
+    landed: TimedValue[Landed] | None = None
 
     @property
     def missing(self) -> list[str]:
@@ -135,7 +135,7 @@ class View:
         return not self.tells_landed or since(self.landed, since_s) == wanted
 
 
-def since(told: Told[Value] | None, since_s: float) -> Value | None:
+def since(told: TimedValue[Value] | None, since_s: float) -> Value | None:
     """The value, if it arrived at `since_s` or later."""
     return told.value if told is not None and told.at_s >= since_s else None
 

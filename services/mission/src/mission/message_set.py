@@ -12,7 +12,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from .events import EventLog
-from .fleet import MessageFleet, MissionError, Told
+from .fleet import MessageFleet, MissionError, StateValue
 from .side_channel import SideChannel
 
 HOVER_M = 10.0
@@ -43,7 +43,7 @@ ON_GROUND, HOVERING = COMMANDS["arm"], COMMANDS["land"]
 
 
 @dataclass
-class Tally:
+class KindTally:
     """How many units of a kind succeeded, and why the others failed."""
 
     received: int = 0
@@ -77,10 +77,10 @@ class MessageSet:
         if silent:
             raise MissionError("; ".join(silent))
 
-    async def _calls(self, name: str) -> Tally:
+    async def _calls(self, name: str) -> KindTally:
         """Make COUNT calls of a command."""
         self._began(name, "command")
-        tally = Tally()
+        tally = KindTally()
         for number in range(1, self._count + 1):
             self._show(name, number)
             call = self._log.next_call()
@@ -95,9 +95,9 @@ class MessageSet:
         self._done(name, tally)
         return tally
 
-    async def _values(self, name: str) -> Tally:
+    async def _values(self, name: str) -> KindTally:
         """Receive COUNT values of a state, which is published at 1 Hz meanwhile."""
-        tally = Tally()
+        tally = KindTally()
         try:
             values = await self._fleet.request_state(name)
         except MissionError as error:
@@ -123,7 +123,7 @@ class MessageSet:
         await self._fleet.stop_state(name)
         return tally
 
-    async def _align(self, values: asyncio.Queue[Told]) -> None:
+    async def _align(self, values: asyncio.Queue[StateValue]) -> None:
         """Wait for a value, if one arrives: a kind begins right after it, so that it has COUNT whole turns."""
         while not values.empty():
             values.get_nowait()
@@ -131,7 +131,7 @@ class MessageSet:
             async with asyncio.timeout(TURN_S + SPARE_S):
                 await values.get()
 
-    async def _next(self, values: asyncio.Queue[Told], taken_s: float) -> Told:
+    async def _next(self, values: asyncio.Queue[StateValue], taken_s: float) -> StateValue:
         """The next value to arrive; of a state at a higher rate, the newest once per second."""
         async with asyncio.timeout_at(taken_s + TURN_S + SPARE_S):
             if self._fleet.tells_faster:
@@ -173,7 +173,7 @@ class MessageSet:
     def _began(self, name: str, form: str) -> None:
         self._log.write("kind", name=name, form=form, count=self._count)
 
-    def _done(self, name: str, tally: Tally) -> None:
+    def _done(self, name: str, tally: KindTally) -> None:
         self._log.write("kind_done", name=name, received=tally.received, missing=tally.missing)
 
     def _show(self, name: str, number: int) -> None:

@@ -38,7 +38,7 @@ from mqttxt import (
 from mqttxt.protocol.plans import PlanItem, PlanObject
 
 from .events import EventLog
-from .fleet import MissionError, Point, Reading, Result, Status, Survey
+from .fleet import CommandResult, MissionError, Point, Reading, Status, Survey
 
 TTL_S = 30.0
 """The time within which a command must start: no step of a mission is urgent, and over a lossy satellite link a command
@@ -122,21 +122,21 @@ class MqttxtFleet:
         self._limit_s = limit_s
         return TTL_S + limit_s + LAST_WORD_S
 
-    async def arm(self) -> list[Result]:
+    async def arm(self) -> list[CommandResult]:
         return await self._broadcast(Arm())
 
-    async def takeoff(self, altitude_m: float) -> list[Result]:
+    async def takeoff(self, altitude_m: float) -> list[CommandResult]:
         return await self._broadcast(Takeoff(altitude_m))
 
-    async def land(self) -> list[Result]:
+    async def land(self) -> list[CommandResult]:
         return await self._broadcast(Land())
 
-    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+    async def goto(self, points: Mapping[int, Point]) -> list[CommandResult]:
         """Send each drone a command of its own, all at once."""
         asked = [self._to_drone(drone, as_goto(point)) for drone, point in points.items()]
         return await self._all("goto", asked)
 
-    async def goto_best(self, point: Point) -> Result:
+    async def goto_best(self, point: Point) -> CommandResult:
         """Send the drone that arrives first, by the fogs' lists of arrival times, which are logged as `psmi` events."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=Goto.name, fog=None, drone=None)
@@ -153,17 +153,17 @@ class MqttxtFleet:
             raise MissionError(f"goto_best: {error}") from error
         if last.drone is None:
             raise MissionError(f"goto_best: {last.word.label} ({last.reason})")
-        return Result(last.drone, last.word.label, last.reason)
+        return CommandResult(last.drone, last.word.label, last.reason)
 
-    async def return_home(self) -> list[Result]:
+    async def return_home(self) -> list[CommandResult]:
         return await self._broadcast(Return())
 
-    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[CommandResult]:
         """Upload to all drones at once; completed when the plan read back from each autopilot is its survey."""
         self._plans = {drone: plan_of(survey) for drone, survey in surveys.items()}
         return await self._all("upload", [self._upload(drone, plan) for drone, plan in self._plans.items()])
 
-    async def fly_survey(self) -> list[Result]:
+    async def fly_survey(self) -> list[CommandResult]:
         """Start all surveys at once."""
         asked = [self._to_drone(drone, StartMission(plan.mission_hash)) for drone, plan in self._plans.items()]
         return await self._all("survey", asked)
@@ -190,10 +190,10 @@ class MqttxtFleet:
         if self._lost is not None:
             raise MissionError(str(self._lost)) from self._lost
 
-    async def _broadcast(self, command: Command) -> list[Result]:
+    async def _broadcast(self, command: Command) -> list[CommandResult]:
         return await self._all(command.name, [self._to_fog(fog, command) for fog in self._fogs.values()])
 
-    async def _all(self, name: str, asked: list[Coroutine[Any, Any, list[Result]]]) -> list[Result]:
+    async def _all(self, name: str, asked: list[Coroutine[Any, Any, list[CommandResult]]]) -> list[CommandResult]:
         try:
             parts = await asyncio.gather(*asked)
         except MqttxtError as error:
@@ -206,39 +206,39 @@ class MqttxtFleet:
         wanted = self._wanted[fog.number]
         for drone in wanted:
             if drone in answers and not answers[drone].completed:
-                refused = Result(drone, answers[drone].word.label, answers[drone].reason)
+                refused = CommandResult(drone, answers[drone].word.label, answers[drone].reason)
                 raise MissionError(f"connect: stream {name}: {refused}")
         if silent := set(wanted) - answers.keys():
             raise MissionError(f"connect: stream {name}: drone {min(silent)}: no answer")
 
-    async def _to_fog(self, fog: Fog, command: Command) -> list[Result]:
+    async def _to_fog(self, fog: Fog, command: Command) -> list[CommandResult]:
         return await self._follow(fog, None, command, fog.broadcast)
 
-    async def _to_drone(self, drone: int, command: Command) -> list[Result]:
+    async def _to_drone(self, drone: int, command: Command) -> list[CommandResult]:
         fog = self._fog_of(drone)
         return await self._follow(fog, drone, command, fog.drone(drone).send)
 
-    async def _upload(self, drone: int, plan: Plan) -> list[Result]:
+    async def _upload(self, drone: int, plan: Plan) -> list[CommandResult]:
         """Upload a plan, and wait for the drone's last word."""
         call, fog = self._log.next_call(), self._fog_of(drone)
         self._log.write("command", call=call, command=UploadPlan.name, fog=fog.number, drone=drone)
         outcome = await fog.drone(drone).upload(plan)
         self._note(call, outcome)
-        return [Result(drone, outcome.word.label, outcome.reason)]
+        return [CommandResult(drone, outcome.word.label, outcome.reason)]
 
     async def _follow(
         self, fog: Fog, drone: int | None, command: Command, send: Callable[..., AsyncIterable[Outcome]]
-    ) -> list[Result]:
+    ) -> list[CommandResult]:
         """Make a call and log its words. `drone` None means all of the fog; a last word without a drone is for all."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
-        wanted, results = self._wanted[fog.number], dict[int, Result]()
+        wanted, results = self._wanted[fog.number], dict[int, CommandResult]()
         limit_s = command.limit_s if self._limit_s is None else min(self._limit_s, command.limit_s)
         async for outcome in send(command, ttl_s=TTL_S, limit_s=limit_s):
             self._note(call, outcome)
             if outcome.is_last:
                 for one in wanted if outcome.drone is None else (outcome.drone,):
-                    results.setdefault(one, Result(one, outcome.word.label, outcome.reason))
+                    results.setdefault(one, CommandResult(one, outcome.word.label, outcome.reason))
         return [result for one, result in results.items() if one in wanted]
 
     def _note(self, call: int, outcome: Outcome) -> None:

@@ -7,7 +7,7 @@ import logging
 
 from mqttxt import Arm, Armed, Command, Drone, Land, MqttxtError, Offboard, StateUpdate, Stream, Takeoff, Velocity, Word
 
-from .fleet import MissionError, Result, Told
+from .fleet import CommandResult, MissionError, StateValue
 from .message_set import HOVER_M
 from .mqttxt_fleet import FIVE_STATES, FIVE_STATES_HZ, MqttxtFleet, as_goto, plain
 from .points import points_of
@@ -40,10 +40,10 @@ class MqttxtMessageFleet(MqttxtFleet):
             logger.warning("%s", error)
         await super().close()
 
-    async def call(self, call: int, name: str) -> Result:
+    async def call(self, call: int, name: str) -> CommandResult:
         command = self._command(name)
         self._log.write("command", call=call, command=name, fog=self._fog_of(self._number).number, drone=self._number)
-        first: asyncio.Future[Result] = asyncio.get_running_loop().create_future()
+        first: asyncio.Future[CommandResult] = asyncio.get_running_loop().create_future()
         self._following = asyncio.create_task(self._follow_call(call, name, command, first))
         await asyncio.wait({first}, timeout=FIRST_WORD_LIMIT_S)
         if not first.done():
@@ -70,9 +70,9 @@ class MqttxtMessageFleet(MqttxtFleet):
             for name in FIVE_STATES:
                 await self._ask_rate(name, 0.0)
 
-    async def request_state(self, name: str) -> asyncio.Queue[Told]:
+    async def request_state(self, name: str) -> asyncio.Queue[StateValue]:
         await _end(self._telling)
-        told: asyncio.Queue[Told] = asyncio.Queue()
+        told: asyncio.Queue[StateValue] = asyncio.Queue()
         self._telling = asyncio.create_task(self._take(name, told))
         await self._ask_rate(name, FIVE_STATES_HZ)
         return told
@@ -97,29 +97,29 @@ class MqttxtMessageFleet(MqttxtFleet):
     def _drone(self) -> Drone:
         return self._fog_of(self._number).drone(self._number)
 
-    async def _follow_call(self, call: int, name: str, command: Command, first: asyncio.Future[Result]) -> None:
+    async def _follow_call(self, call: int, name: str, command: Command, first: asyncio.Future[CommandResult]) -> None:
         """Send a command and log its words up to the last; the first one is the result of `first`."""
         try:
             async for outcome in self._drone().send(command):
                 self._note(call, outcome)
                 if not first.done():
-                    first.set_result(Result(self._number, outcome.word.label, outcome.reason))
+                    first.set_result(CommandResult(self._number, outcome.word.label, outcome.reason))
         except MqttxtError as error:
             logger.warning("call %d: %s", call, error)
         if not first.done():
             first.set_result(self._own_word(call, name, Word.UNREACHABLE, "not_sent"))
 
-    def _own_word(self, call: int, name: str, word: Word, reason: str) -> Result:
+    def _own_word(self, call: int, name: str, word: Word, reason: str) -> CommandResult:
         """The ground station's own word about a call that got no word."""
         fog = self._fog_of(self._number).number
         self._log.outcome(call, name, fog, self._number, word, reason)
-        return Result(self._number, word.label, reason)
+        return CommandResult(self._number, word.label, reason)
 
-    async def _take(self, name: str, told: asyncio.Queue[Told]) -> None:
+    async def _take(self, name: str, told: asyncio.Queue[StateValue]) -> None:
         async for event in self._station.events():
             if isinstance(event, StateUpdate) and event.drone == self._number and event.state.name == name:
                 value = {field: plain(found) for field, found in vars(event.state).items()}
-                told.put_nowait(Told(value, event.age_ms))
+                told.put_nowait(StateValue(value, event.age_ms))
 
     async def _ask_rate(self, name: str, rate_hz: float) -> None:
         """Request a state at a rate, in up to three tries. Raises MissionError if it is refused or not completed."""

@@ -19,7 +19,7 @@ KINDS = tuple(UNITS)
 
 
 @dataclass(frozen=True)
-class Series:
+class ReadingSeries:
     """One kind of value of one sensor, carried by its drone.
 
     samples    how many values are expected
@@ -67,16 +67,16 @@ def has_measured(folder: Path, drone: int) -> bool:
 
 def compare(
     drones: Iterable[int], measured: Iterable[Reading], arrived: Iterable[Reading], samples: int
-) -> tuple[Series, ...]:
+) -> tuple[ReadingSeries, ...]:
     """Every series of the drones, even if none of its values arrived. A drone's sensor has the drone's number."""
     by_sensor, by_station = set(measured), set(arrived)
     written, right = Counter(map(_key, by_sensor)), Counter(map(_key, by_sensor & by_station))
     wrong = Counter(map(_key, by_station - by_sensor))
     keys = [(drone, drone, kind) for drone in drones for kind in KINDS]
-    return tuple(Series(*key, UNITS[key[2]], samples, written[key], right[key], wrong[key]) for key in keys)
+    return tuple(ReadingSeries(*key, UNITS[key[2]], samples, written[key], right[key], wrong[key]) for key in keys)
 
 
-def write(series: Iterable[Series], path: Path) -> None:
+def write(series: Iterable[ReadingSeries], path: Path) -> None:
     """Write series.json: each series, and whether it is whole."""
     rows = [one.to_data() for one in series]
     path.write_text(json.dumps({"version": VERSION, "series": rows}, indent=1) + "\n", encoding="ascii")

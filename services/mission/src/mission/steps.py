@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 from .events import EventLog
-from .fleet import Fleet, MissionError, Point, Result
+from .fleet import CommandResult, Fleet, MissionError, Point
 from .series import KINDS
 
 PROGRESS_S = 1.0
@@ -32,7 +32,7 @@ class Steps:
         self._samples = samples
         self._was_reached = was_reached
 
-    async def command(self, name: str, ask: Callable[[], Awaitable[list[Result]]], limit_s: float) -> None:
+    async def command(self, name: str, ask: Callable[[], Awaitable[list[CommandResult]]], limit_s: float) -> None:
         """Command all drones. Raises MissionError unless each completes it.
 
         The step lasts longer than `limit_s` if the protocol may give last words later.

@@ -15,12 +15,12 @@ from .interfaces import NetError, Port
 FIRST_TABLE = 1000
 """Above 253 to 255, which the kernel uses, however many nodes there are."""
 PRIORITY = 100
-Link = tuple[str, str]
+NodePair = tuple[str, str]
 
 
-def parse_links(text: str, nodes: Sequence[str]) -> tuple[Link, ...]:
+def parse_links(text: str, nodes: Sequence[str]) -> tuple[NodePair, ...]:
     """Parse `LINKS` of compose.yaml, `gs-cloud cloud-fog1 …`: pairs of nodes that form one tree. Raises NetError."""
-    found: list[Link] = []
+    found: list[NodePair] = []
     for item in text.split():
         pair = tuple(item.split("-"))
         if len(pair) != 2 or pair[0] == pair[1] or not set(pair) <= set(nodes):
@@ -34,7 +34,7 @@ def parse_links(text: str, nodes: Sequence[str]) -> tuple[Link, ...]:
     return tuple(found)
 
 
-def next_hops(links: Sequence[Link]) -> dict[tuple[str, str], str]:
+def next_hops(links: Sequence[NodePair]) -> dict[tuple[str, str], str]:
     """For each (node, destination) the node's neighbour that is next on the way."""
     neighbours: dict[str, list[str]] = {}
     for one, other in links:
@@ -52,7 +52,7 @@ def next_hops(links: Sequence[Link]) -> dict[tuple[str, str], str]:
     return found
 
 
-def routing_commands(ports: Sequence[Port], links: Sequence[Link]) -> str:
+def routing_commands(ports: Sequence[Port], links: Sequence[NodePair]) -> str:
     """The input of `ip -batch`: for each port a rule, and a route to every node that is not a neighbour."""
     by_node = {port.node: port for port in ports}
     hops = next_hops(links)
@@ -66,7 +66,7 @@ def routing_commands(ports: Sequence[Port], links: Sequence[Link]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def route_by_hops(ports: Sequence[Port], links: Sequence[Link]) -> None:
+def route_by_hops(ports: Sequence[Port], links: Sequence[NodePair]) -> None:
     """Set the routes. Raises NetError with the error of `ip`."""
     done = subprocess.run(
         ["ip", "-batch", "-"], input=routing_commands(ports, links), capture_output=True, text=True, check=False

@@ -67,7 +67,7 @@ class EventPlan:
 
 
 @dataclass(frozen=True)
-class Plan:
+class BaseLinksPlan:
     """All links of a run by name, as `air:uav1:up`, and the events in the order of their times."""
 
     profile: str

@@ -84,7 +84,7 @@ class Schedule:
 
 
 @dataclass
-class Arrived:
+class ArrivedDatagrams:
     """The datagrams that arrived of one flow."""
 
     count: int = 0
@@ -133,7 +133,7 @@ class Probe:
 
     def __init__(self, schedule: Schedule, port: int = PORT, address: str = "0.0.0.0") -> None:
         self._schedule = schedule
-        self._arrived: dict[int, Arrived] = {}
+        self._arrived: dict[int, ArrivedDatagrams] = {}
         self._overflowed = 0
         self._port = port
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -212,7 +212,7 @@ class Probe:
             its_run, flow, timed, number, sent_ns = HEAD.unpack(data)
             if its_run != run:
                 continue
-            arrived = self._arrived.setdefault(flow, Arrived())
+            arrived = self._arrived.setdefault(flow, ArrivedDatagrams())
             arrived.count += 1
             if timed:
                 arrived.rows.append((number, sent_ns - begin_ns, received_ns - begin_ns))

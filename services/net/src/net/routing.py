@@ -18,7 +18,7 @@ from .ending import Ending
 from .hops import parse_links, route_by_hops
 from .interfaces import NetError, Port, check_rights, parse_nodes, read_ports, turn_off_offloads
 from .shaping.attend import Attendant
-from .shaping.choice import Choice, choose
+from .shaping.choice import ShaperChoice, choose
 from .shaping.emulated import EmulatedLinks
 from .shaping.journal import Journal
 from .shaping.kernel import KernelLinks
@@ -55,7 +55,7 @@ def route(captures: Path, links: Path, control: Path, ready_file: Path) -> None:
 
 
 def _maker(
-    choice: Choice, folder: Path, run: RunPlan, ports: Sequence[Port]
+    choice: ShaperChoice, folder: Path, run: RunPlan, ports: Sequence[Port]
 ) -> Callable[[Journal], KernelLinks | EmulatedLinks | None]:
     def make(journal: Journal) -> KernelLinks | EmulatedLinks | None:
         if choice.shaper == "none":

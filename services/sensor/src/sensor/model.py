@@ -19,7 +19,7 @@ _MEMORY = 64
 
 
 @dataclass(frozen=True)
-class Quantity:
+class SimulatedQuantity:
     """A kind of value: its course over a day (0 to 1) in its unit, the noise's amplitude, its bounds and decimals."""
 
     kind: str
@@ -44,9 +44,9 @@ def _sun(day: float) -> float:
 QUANTITIES = {
     quantity.kind: quantity
     for quantity in (
-        Quantity("temperature", "degC", lambda day: 8 + 14 * _warmth(day), 0.6, -40, 60, 2),
-        Quantity("humidity", "%", lambda day: 85 - 45 * _warmth(day), 3, 0, 100, 1),
-        Quantity("light", "lx", lambda day: 50_000 * _sun(day) * exp(_sun(day) - 1), 400, 0, 120_000, 0),
+        SimulatedQuantity("temperature", "degC", lambda day: 8 + 14 * _warmth(day), 0.6, -40, 60, 2),
+        SimulatedQuantity("humidity", "%", lambda day: 85 - 45 * _warmth(day), 3, 0, 100, 1),
+        SimulatedQuantity("light", "lx", lambda day: 50_000 * _sun(day) * exp(_sun(day) - 1), 400, 0, 120_000, 0),
     )
 }
 

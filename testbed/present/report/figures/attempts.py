@@ -12,7 +12,7 @@ from .figure import Figure, Value
 
 
 @dataclass(frozen=True)
-class Mission:
+class MissionTime:
     """One attempt: its mission time in seconds, None if it failed or is void, and the reason."""
 
     attempt: int
@@ -21,11 +21,11 @@ class Mission:
     reason: str | None
 
 
-Times = dict[str, quantity.Figure]
+Times = dict[str, quantity.QuantityFigure]
 """Mission times by protocol."""
 
 
-def mission_time(sides: dict[str, list[Mission]], times: Times, printed: dict[str, float]) -> Figure | None:
+def mission_time(sides: dict[str, list[MissionTime]], times: Times, printed: dict[str, float]) -> Figure | None:
     """The figure of mission times; None if no mission was completed. `printed` are the thesis's means."""
     flown = {protocol: one for protocol, one in times.items() if one.points}
     if not flown:
@@ -54,7 +54,9 @@ def mission_time(sides: dict[str, list[Mission]], times: Times, printed: dict[st
     )
 
 
-def _draw_missions(sides: dict[str, list[Mission]], times: Times, printed: dict[str, float], width: float) -> Drawing:
+def _draw_missions(
+    sides: dict[str, list[MissionTime]], times: Times, printed: dict[str, float], width: float
+) -> Drawing:
     left, top, high = 46.0, 44.0, 170.0
     right = width - (150 if width > 600 else 84)
     drawing = Drawing(width, top + high + 40)
@@ -95,14 +97,14 @@ def _draw_missions(sides: dict[str, list[Mission]], times: Times, printed: dict[
 
 
 @dataclass(frozen=True)
-class Amount:
+class ScenarioAmount:
     """An amount of a scenario over a protocol: measured here, by attempt, and from the thesis."""
 
     here: tuple[float, ...]
     thesis: float | None
 
 
-Scenarios = dict[str, dict[str, Amount]]
+Scenarios = dict[str, dict[str, ScenarioAmount]]
 """By scenario and protocol."""
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ....plan import wording
-from ..compare import Row
+from ..compare import ComparedMetric
 from .axes import Scale, bottom, decades, steps
 from .draw import TEXT, Drawing
 from .figure import Figure, Value
 
 
-def compared(rows: Sequence[Row]) -> Figure | None:
+def compared(rows: Sequence[ComparedMetric]) -> Figure | None:
     """The figure of the comparison; None if no metric has a value in both results."""
     drawn = [row for row in rows if row.change is not None and row.first.value]
     if not drawn:
@@ -31,7 +31,7 @@ def compared(rows: Sequence[Row]) -> Figure | None:
     )
 
 
-def _draw(rows: list[Row], width: float) -> Drawing:
+def _draw(rows: list[ComparedMetric], width: float) -> Drawing:
     narrow = width < 600
     line, top, left = 22.0, 24.0, 150.0 if narrow else 230.0
     drawing = Drawing(width, top + line * len(rows) + 24)

@@ -29,11 +29,11 @@ class Delays:
         return sorted(value for value in self.values if value is not None)
 
 
-Kinds = dict[str, dict[str, Delays]]
+DelaysByKind = dict[str, dict[str, Delays]]
 """By command, or kind of message, and protocol."""
 
 
-def rows_by_number(kinds: Kinds) -> tuple[tuple[str, str, int, int, float | None], ...]:
+def rows_by_number(kinds: DelaysByKind) -> tuple[tuple[str, str, int, int, float | None], ...]:
     """The rows of a figure's data: kind, protocol, attempt, the value's number over all attempts, and the value."""
     return tuple(
         (name, protocol, attempt, number, value)
@@ -43,11 +43,11 @@ def rows_by_number(kinds: Kinds) -> tuple[tuple[str, str, int, int, float | None
     )
 
 
-def delays_of(completed: dict[str, list[AttemptEntry]], order: list[str]) -> Kinds:
+def delays_of(completed: dict[str, list[AttemptEntry]], order: list[str]) -> DelaysByKind:
     """Collect the delays of each side's completed attempts; commands in the given order, others after them."""
     said = {name for attempts in completed.values() for one in attempts for name in one["delay_ms"]}
     names = [*(name for name in order if name in said), *sorted(said - set(order))]
-    found: Kinds = {}
+    found: DelaysByKind = {}
     for name in names:
         for protocol, attempts in completed.items():
             told = [(ms, one["attempt"]) for one in attempts for ms in one["delay_ms"].get(name, ())]
@@ -58,7 +58,7 @@ def delays_of(completed: dict[str, list[AttemptEntry]], order: list[str]) -> Kin
     return found
 
 
-def by_number(kinds: Kinds) -> Figure | None:
+def by_number(kinds: DelaysByKind) -> Figure | None:
     """The figure with each delay as a point; None without delays."""
     if not kinds:
         return None
@@ -78,7 +78,7 @@ def by_number(kinds: Kinds) -> Figure | None:
     )
 
 
-def distribution(kinds: Kinds) -> Figure | None:
+def distribution(kinds: DelaysByKind) -> Figure | None:
     """The figure of the share of messages that arrived within a time; None without delays."""
     if not kinds:
         return None
@@ -104,12 +104,12 @@ def distribution(kinds: Kinds) -> Figure | None:
     )
 
 
-def draw_shares(kinds: Kinds, width: float) -> Drawing:
+def draw_shares(kinds: DelaysByKind, width: float) -> Drawing:
     """Draw a panel for each of `kinds`, with the share of its messages that arrived within a time."""
     return _panels(kinds, width, _draw_shares, 130)
 
 
-def medians(kinds: Kinds) -> str:
+def medians(kinds: DelaysByKind) -> str:
     """'arm: median 3.00 ms over MQTT-XT and 1.00 ms over MAVLink; land: …'."""
     parts = []
     for name, by in kinds.items():
@@ -132,7 +132,7 @@ def middle_half(drawing: Drawing, x: float, up: Scale, ordered: Sequence[float],
 
 
 def _panels(
-    kinds: Kinds, width: float, draw: Callable[[Drawing, dict[str, Delays], Scale, Scale], None], high: float
+    kinds: DelaysByKind, width: float, draw: Callable[[Drawing, dict[str, Delays], Scale, Scale], None], high: float
 ) -> Drawing:
     """Draw a panel per command, all with one scale of delays: side by side, or stacked if the width is small."""
     narrow = width < 600

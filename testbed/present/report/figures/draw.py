@@ -18,7 +18,7 @@ NARROW, WIDE = 360.0, 920.0
 
 
 @dataclass(frozen=True)
-class Path:
+class DrawnPath:
     """A line through points, or, if filled, the shape that they enclose."""
 
     points: tuple[Point, ...]
@@ -45,7 +45,7 @@ class Dot:
 
 
 @dataclass(frozen=True)
-class Text:
+class DrawnText:
     """A line of text; `y` is its baseline, `anchor` start, middle or end."""
 
     x: float
@@ -57,7 +57,7 @@ class Text:
     bold: bool = False
 
 
-Mark = Path | Dot | Text
+Mark = DrawnPath | Dot | DrawnText
 
 
 @dataclass
@@ -73,14 +73,14 @@ class Drawing:
         return self.width < (NARROW + WIDE) / 2
 
     def line(self, start: Point, end: Point, role: str = "edge", width: float = 1.0, dashed: bool = False) -> None:
-        self.marks.append(Path((start, end), role, width, dashed=dashed))
+        self.marks.append(DrawnPath((start, end), role, width, dashed=dashed))
 
     def path(self, points: Sequence[Point], role: str, width: float = 1.6, dashed: bool = False, tip: str = "") -> None:
         if len(points) > 1:
-            self.marks.append(Path(tuple(points), role, width, dashed=dashed, tip=tip))
+            self.marks.append(DrawnPath(tuple(points), role, width, dashed=dashed, tip=tip))
 
     def area(self, points: Sequence[Point], role: str, opacity: float = 1.0, tip: str = "") -> None:
-        self.marks.append(Path(tuple(points), role, filled=True, opacity=opacity, tip=tip))
+        self.marks.append(DrawnPath(tuple(points), role, filled=True, opacity=opacity, tip=tip))
 
     def rect(
         self, x: float, y: float, width: float, height: float, role: str, opacity: float = 1.0, tip: str = ""
@@ -102,7 +102,7 @@ class Drawing:
         size: float = TEXT,
         bold: bool = False,
     ) -> None:
-        self.marks.append(Text(x, y, words, role, size, anchor, bold))
+        self.marks.append(DrawnText(x, y, words, role, size, anchor, bold))
 
 
 def width_of(words: str, size: float = TEXT) -> float:
@@ -127,7 +127,7 @@ def diamond(dot: Dot) -> tuple[Point, ...]:
 
 
 def _svg_of(mark: Mark) -> str:
-    if isinstance(mark, Text):
+    if isinstance(mark, DrawnText):
         anchor = f' text-anchor="{mark.anchor}"' if mark.anchor != "start" else ""
         bold = ' font-weight="600"' if mark.bold else ""
         size = f' font-size="{_n(mark.size)}"' if mark.size != TEXT else ""

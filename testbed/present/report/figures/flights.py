@@ -15,7 +15,7 @@ SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Call:
+class FlownCommand:
     """A command to one drone; seconds since the mission began. `end_s` is None without a last word."""
 
     command: str
@@ -29,7 +29,7 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Step:
+class MissionStep:
     """A step of the mission by the ground station's events; seconds since the mission began."""
 
     name: str
@@ -45,8 +45,8 @@ class Flights:
     protocol: str
     end_s: float
     heights: dict[str, tuple[tuple[float, float], ...]]
-    calls: dict[str, tuple[Call, ...]]
-    steps: tuple[Step, ...]
+    calls: dict[str, tuple[FlownCommand, ...]]
+    steps: tuple[MissionStep, ...]
     completed: bool
 
 
@@ -74,7 +74,7 @@ def flights_of(
     )
 
 
-def _calls_of(drone: str, events: list[dict[str, Any]], start_ns: int) -> tuple[Call, ...]:
+def _calls_of(drone: str, events: list[dict[str, Any]], start_ns: int) -> tuple[FlownCommand, ...]:
     """The calls to the drone, and those to its whole fog that it answered."""
     last = {e["call"]: e for e in events if e["event"] == "outcome" and e["final"] and str(e["drone"]) == drone}
     found = []
@@ -84,11 +84,11 @@ def _calls_of(drone: str, events: list[dict[str, Any]], start_ns: int) -> tuple[
         ended = last.get(event["call"])
         end_s = _since(ended["t_ns"], start_ns) if ended else None
         word = ended["word"] if ended else "no last word"
-        found.append(Call(event["command"], _since(event["t_ns"], start_ns), end_s, word))
+        found.append(FlownCommand(event["command"], _since(event["t_ns"], start_ns), end_s, word))
     return tuple(found)
 
 
-def _steps_of(events: list[dict[str, Any]], start_ns: int, end_s: float) -> tuple[Step, ...]:
+def _steps_of(events: list[dict[str, Any]], start_ns: int, end_s: float) -> tuple[MissionStep, ...]:
     """The mission's steps; one that never ended lasts until the mission's end."""
     done = {event["name"]: event for event in events if event["event"] == "step_done"}
     found = []
@@ -96,7 +96,7 @@ def _steps_of(events: list[dict[str, Any]], start_ns: int, end_s: float) -> tupl
         if event["event"] == "step" and (begun := _since(event["t_ns"], start_ns)) <= end_s:
             ended = done.get(event["name"])
             until = min(_since(ended["t_ns"], start_ns), end_s) if ended else end_s
-            found.append(Step(event["name"], max(begun, 0.0), max(until, 0.0), bool(ended and ended["ok"])))
+            found.append(MissionStep(event["name"], max(begun, 0.0), max(until, 0.0), bool(ended and ended["ok"])))
     return tuple(found)
 
 
@@ -167,7 +167,7 @@ def _draw(sides: list[Flights], drones: list[str], width: float) -> Drawing:
     return drawing
 
 
-def _draw_call(drawing: Drawing, side: Flights, call: Call, time: Scale, y: float, strip: float) -> None:
+def _draw_call(drawing: Drawing, side: Flights, call: FlownCommand, time: Scale, y: float, strip: float) -> None:
     start, end = time(call.start_s), time(side.end_s if call.end_s is None else call.end_s)
     after = "" if call.end_s is None else f" after {call.end_s - call.start_s:.2f} s"
     tip = f"{wording.name_of(side.protocol)}: {call.command} at {call.start_s:.2f} s, {call.word}{after}"

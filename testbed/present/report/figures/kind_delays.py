@@ -6,7 +6,7 @@ from ....numbers import words
 from ....numbers.attempt_entry import AttemptEntry
 from ....plan import wording
 from .axes import Scale, decades, log_bounds, quantile, side
-from .delays import LEAST_MS, Delays, Kinds, medians, middle_half, rows_by_number
+from .delays import LEAST_MS, Delays, DelaysByKind, medians, middle_half, rows_by_number
 from .draw import TEXT, Drawing, Point, width_of
 from .figure import Figure
 from .panels import Panel, begin, lay_out
@@ -22,9 +22,9 @@ _STRIP = 7.0
 _LOST_NOTE = " A cross on top is a message that never arrived; of a group a bar, the darker the more of it were lost."
 
 
-def delays_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> Kinds:
+def delays_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> DelaysByKind:
     """Collect the delays of each side's completed attempts, kinds in the given order."""
-    found: Kinds = {}
+    found: DelaysByKind = {}
     for name in order:
         for protocol, attempts in completed.items():
             told = [
@@ -39,7 +39,7 @@ def delays_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) 
     return found
 
 
-def kind_delays(kinds: Kinds) -> Figure | None:
+def kind_delays(kinds: DelaysByKind) -> Figure | None:
     """The figure of delays by kind; None if nothing arrived."""
     if not any(one.arrived for by in kinds.values() for one in by.values()):
         return None
@@ -68,7 +68,7 @@ def kind_delays(kinds: Kinds) -> Figure | None:
     )
 
 
-def _draw(kinds: Kinds, width: float) -> Drawing:
+def _draw(kinds: DelaysByKind, width: float) -> Drawing:
     protocols = [p for p in wording.PROTOCOL_NAMES if any(p in by for by in kinds.values())]
     panels = lay_out(list(kinds), width, _HIGH, _BELOW)
     drawing = begin(panels, protocols, width, _BELOW)

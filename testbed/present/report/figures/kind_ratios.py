@@ -25,12 +25,12 @@ class Ratio:
     """The amounts per message, by the ratio's name and protocol."""
 
 
-Kinds = dict[str, dict[str, Ratio]]
+RatiosByKind = dict[str, dict[str, Ratio]]
 """By kind the ratios of packets and of bytes."""
 _MARKS = (("with_states", "all on the links"), ("alone", "its own frames"), ("thesis", "thesis"))
 
 
-def kind_ratios(kinds: Kinds) -> Figure | None:
+def kind_ratios(kinds: RatiosByKind) -> Figure | None:
     """The figure of ratios by kind; None if no kind has both sides."""
     here = {
         name: by
@@ -71,7 +71,7 @@ def _rounded(ratio: float | None) -> float | None:
     return None if ratio is None else float(f"{ratio:.6g}")
 
 
-def _said(kinds: Kinds) -> str:
+def _said(kinds: RatiosByKind) -> str:
     return "; ".join(
         f"{name} {words.ratio(by['packets'].with_states)} times the packets, "
         f"{words.ratio(by['packets'].alone)} times of its own"
@@ -79,7 +79,7 @@ def _said(kinds: Kinds) -> str:
     )
 
 
-def _draw(kinds: Kinds, width: float) -> Drawing:
+def _draw(kinds: RatiosByKind, width: float) -> Drawing:
     narrow = width < 600
     row, top, left, gap = 27.0, 52.0, 92.0, 34.0
     high = row * len(kinds)

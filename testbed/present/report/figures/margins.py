@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ....numbers.reproduction import Judged
+from ....numbers.reproduction import JudgedLine
 from .axes import Scale, bottom, decades, log_bounds
 from .draw import TEXT, Drawing
 from .figure import Figure, Value
@@ -12,7 +12,7 @@ from .figure import Figure, Value
 _LINE, _HEAD = 22.0, 30.0
 
 
-def margins(lines: Sequence[tuple[str, str, Judged]]) -> Figure:
+def margins(lines: Sequence[tuple[str, str, JudgedLine]]) -> Figure:
     """The figure of (cell, name, judged line); lines published as 0 do not fit the scale and are only in the data."""
     table: list[tuple[Value, ...]] = []
     for cell, name, judged in lines:
@@ -31,7 +31,7 @@ def margins(lines: Sequence[tuple[str, str, Judged]]) -> Figure:
     )
 
 
-def _draw(lines: Sequence[tuple[str, str, Judged]], width: float) -> Drawing:
+def _draw(lines: Sequence[tuple[str, str, JudgedLine]], width: float) -> Drawing:
     scaled = [(cell, name, judged) for cell, name, judged in lines if judged.line.expected > 0]
     cells = list(dict.fromkeys(cell for cell, _, _ in scaled))
     narrow = width < 600
@@ -54,7 +54,7 @@ def _draw(lines: Sequence[tuple[str, str, Judged]], width: float) -> Drawing:
     return drawing
 
 
-def _one(drawing: Drawing, across: Scale, judged: Judged, y: float) -> None:
+def _one(drawing: Drawing, across: Scale, judged: JudgedLine, y: float) -> None:
     expected, found = judged.line.expected, judged.estimate
     low, high = (across(edge / expected) for edge in judged.line.margin)
     drawing.line((low, y), (max(high, low + 1), y), "faint", 11)
@@ -67,7 +67,7 @@ def _one(drawing: Drawing, across: Scale, judged: Judged, y: float) -> None:
     drawing.dot((value, y), side, 4, hollow=judged.verdict != "reproduced", tip=tip)
 
 
-def _edges(judged: Judged) -> list[float]:
+def _edges(judged: JudgedLine) -> list[float]:
     found = judged.estimate
     edges = [*judged.line.margin, *((found.low, found.high) if found is not None else ())]
     return [edge / judged.line.expected for edge in edges]

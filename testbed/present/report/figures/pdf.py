@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from .draw import Dot, Drawing, Text, diamond
+from .draw import Dot, Drawing, DrawnText, diamond
 
 INCHES = 7.0
 LIGHT = {
@@ -34,7 +34,7 @@ def pdf(drawing: Drawing, title: str) -> bytes:
     axes.set_axis_off()
     for order, mark in enumerate(drawing.marks):
         colour = LIGHT[mark.role]
-        if isinstance(mark, Text):
+        if isinstance(mark, DrawnText):
             axes.text(
                 mark.x,
                 mark.y,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from mqttxt.protocol.readings import UNITS
 
 from ....numbers import words
-from ....numbers.metrics.readings import Measured
+from ....numbers.metrics.readings import MeasuredValue
 from ....plan import wording
 from ..readings import unit_of
 from .axes import Scale, legend
@@ -19,20 +19,20 @@ SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Side:
+class DetailedReadings:
     """The values of one side's attempt in detail; `start_ns` is when its mission began."""
 
-    measured: tuple[Measured, ...]
+    measured: tuple[MeasuredValue, ...]
     start_ns: int
 
     def since_s(self, t_ns: int) -> float:
         return (t_ns - self.start_ns) / SECOND_NS
 
-    def measured_s(self, one: Measured) -> float:
+    def measured_s(self, one: MeasuredValue) -> float:
         return self.since_s(one.time_ms * 1_000_000)
 
 
-Sides = dict[str, Side]
+ReadingsBySide = dict[str, DetailedReadings]
 _Panel = tuple[str, int]
 MOST_MARKS = 60
 """The most values of a series for which each one has a mark."""
@@ -40,7 +40,7 @@ KINDS = tuple(UNITS)
 """The order of the rows from the top; other kinds follow."""
 
 
-def values(sides: Sides) -> Figure | None:
+def values(sides: ReadingsBySide) -> Figure | None:
     """The figure with a panel per kind and drone, one scale per kind; None if nothing was measured."""
     seen = {(one.kind, one.drone) for side in sides.values() for one in side.measured}
     panels = sorted(seen, key=lambda panel: (KINDS.index(panel[0]) if panel[0] in KINDS else len(KINDS), *panel))
@@ -76,7 +76,7 @@ def values(sides: Sides) -> Figure | None:
     )
 
 
-def delays(sides: Sides) -> Figure | None:
+def delays(sides: ReadingsBySide) -> Figure | None:
     """The figure of the share of values that arrived within a time; None if none arrived."""
     kinds: dict[str, dict[str, Delays]] = {}
     for title, of in (("node to node, by capture", "delay_ms"), ("measured to told, by the program", "delay_app_ms")):
@@ -109,7 +109,7 @@ def delays(sides: Sides) -> Figure | None:
     )
 
 
-def _row(protocol: str, side: Side, one: Measured) -> tuple[Value, ...]:
+def _row(protocol: str, side: DetailedReadings, one: MeasuredValue) -> tuple[Value, ...]:
     arrived_s = None if one.told_ns is None else round(side.since_s(one.told_ns), 6)
     about = (protocol, one.drone, one.sensor, one.kind, one.unit, round(side.measured_s(one), 3), one.value)
     return (*about, arrived_s, _rounded(one.delay_ms), _rounded(one.delay_app_ms))
@@ -119,7 +119,7 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 3)
 
 
-def _draw(sides: Sides, panels: list[_Panel], width: float) -> Drawing:
+def _draw(sides: ReadingsBySide, panels: list[_Panel], width: float) -> Drawing:
     """Draw the panels; if the width is small, three drones are side by side and the others below them."""
     kinds, drones = list(dict.fromkeys(kind for kind, _ in panels)), sorted({drone for _, drone in panels})
     columns = min(len(drones), 3 if width < 600 else 6)
@@ -160,7 +160,9 @@ def _draw_times(drawing: Drawing, across: Scale, base: float) -> None:
         drawing.text(across.end, base + TEXT + 2, last, "soft", "end", TEXT - 1.5)
 
 
-def _draw_series(drawing: Drawing, protocol: str, side: Side, panel: _Panel, across: Scale, up: Scale) -> None:
+def _draw_series(
+    drawing: Drawing, protocol: str, side: DetailedReadings, panel: _Panel, across: Scale, up: Scale
+) -> None:
     own = [one for one in side.measured if (one.kind, one.drone) == panel]
     places = [(across(side.measured_s(one)), up(one.value)) for one in own]
     drawing.path(places, protocol, 0.9)
@@ -174,11 +176,11 @@ def _draw_series(drawing: Drawing, protocol: str, side: Side, panel: _Panel, acr
         drawing.dot(at, protocol if one.told_ns is not None else "bad", 2.4, hollow=one.told_ns is None, tip=tip)
 
 
-def _bounds(kind: str, sides: Sides) -> tuple[float, float]:
+def _bounds(kind: str, sides: ReadingsBySide) -> tuple[float, float]:
     """The least and the greatest value of a kind; never equal."""
     seen = [one.value for side in sides.values() for one in side.measured if one.kind == kind]
     return min(seen), max(max(seen), min(seen) + 1e-3)
 
 
-def _unit(kind: str, sides: Sides) -> str:
+def _unit(kind: str, sides: ReadingsBySide) -> str:
     return next(one.unit for side in sides.values() for one in side.measured if one.kind == kind)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ....numbers import words
 from ....plan import wording
-from ..details import Measured
+from ..details import LinkFigure
 from .draw import TEXT, Drawing
 from .figure import Figure, Value
 
@@ -15,22 +15,22 @@ _SMALL = TEXT - 1.5
 _WRITTEN = {"delay_ms": words.short_delay, "rate_bps": words.bit_rate, "loss": words.share}
 """The figures on a link, and how each is written."""
 
-Way = Mapping[str, Measured]
+DirectionFigures = Mapping[str, LinkFigure]
 """One direction of a link: its known figures by name."""
 
 
 @dataclass(frozen=True)
-class Link:
+class DrawnLink:
     """A link from its lower to its upper node, and its two directions."""
 
     name: str
     lower: str
     upper: str
-    up: Way
-    down: Way
+    up: DirectionFigures
+    down: DirectionFigures
 
 
-def topology(links: list[Link], profile: str, shaper: str) -> Figure | None:
+def topology(links: list[DrawnLink], profile: str, shaper: str) -> Figure | None:
     """The figure of nodes and links; None without links."""
     if not links:
         return None
@@ -59,7 +59,7 @@ def topology(links: list[Link], profile: str, shaper: str) -> Figure | None:
     )
 
 
-def _rows(link: Link) -> list[tuple[Value, ...]]:
+def _rows(link: DrawnLink) -> list[tuple[Value, ...]]:
     rows: list[tuple[Value, ...]] = []
     ends = ((link.lower, link.upper), (link.upper, link.lower))
     for direction, way, (start, end) in zip(("up", "down"), (link.up, link.down), ends, strict=True):
@@ -70,26 +70,26 @@ def _rows(link: Link) -> list[tuple[Value, ...]]:
     return rows
 
 
-def _label(way: Way, measured: bool) -> str:
+def _label(way: DirectionFigures, measured: bool) -> str:
     """'25 ms · 20 Mbit/s · 1 %', without figures that are unknown or zero."""
     known = {name: one.measured if measured else one.configured for name, one in way.items()}
     return " · ".join(write(value) for name, write in _WRITTEN.items() if (value := known.get(name)))
 
 
-def _children(links: list[Link]) -> dict[str, list[Link]]:
-    found: dict[str, list[Link]] = {}
+def _children(links: list[DrawnLink]) -> dict[str, list[DrawnLink]]:
+    found: dict[str, list[DrawnLink]] = {}
     for link in links:
         found.setdefault(link.upper, []).append(link)
     return found
 
 
-def _draw_tree(links: list[Link], measured: bool, width: float) -> Drawing:
+def _draw_tree(links: list[DrawnLink], measured: bool, width: float) -> Drawing:
     """Draw the ground station on the left and the drones on the right; a row for each node with none below it."""
     children = _children(links)
     root = next(link.upper for link in links if link.upper not in {other.lower for other in links})
     station = next((link for link in children[root] if link.lower not in children and link.lower == "gs"), None)
     depths: dict[str, int] = {root: 1 if station else 0}
-    order: list[Link] = []
+    order: list[DrawnLink] = []
 
     def walk(node: str) -> None:
         for link in children.get(node, []):
@@ -106,7 +106,7 @@ def _draw_tree(links: list[Link], measured: bool, width: float) -> Drawing:
     leaves = [link.lower for link in order if link.lower not in children]
     for number, leaf in enumerate(leaves):
         heights[leaf] = top + number * row
-    for link in [*reversed(order), Link("", root, "", {}, {})]:
+    for link in [*reversed(order), DrawnLink("", root, "", {}, {})]:
         below = [heights[child.lower] for child in children.get(link.lower, []) if child is not station]
         if below:
             heights[link.lower] = (min(below) + max(below)) / 2
@@ -130,7 +130,7 @@ def _draw_tree(links: list[Link], measured: bool, width: float) -> Drawing:
     return drawing
 
 
-def _draw_labels(drawing: Drawing, link: Link, x: float, y: float, measured: bool) -> None:
+def _draw_labels(drawing: Drawing, link: DrawnLink, x: float, y: float, measured: bool) -> None:
     up, down = _label(link.up, measured), _label(link.down, measured)
     if up:
         drawing.text(x, y - 5, f"↑ {up}", "soft", size=_SMALL)
@@ -138,11 +138,11 @@ def _draw_labels(drawing: Drawing, link: Link, x: float, y: float, measured: boo
         drawing.text(x, y + 14, f"↓ {down}", "soft", size=_SMALL)
 
 
-def _draw_list(links: list[Link], measured: bool, width: float) -> Drawing:
+def _draw_list(links: list[DrawnLink], measured: bool, width: float) -> Drawing:
     """Draw the tree from the cloud down, a row per node, for phones."""
     children = _children(links)
     root = next(link.upper for link in links if link.upper not in {other.lower for other in links})
-    rows: list[tuple[Link | None, str, int]] = [(None, root, 0)]
+    rows: list[tuple[DrawnLink | None, str, int]] = [(None, root, 0)]
 
     def walk(node: str, depth: int) -> None:
         for link in children.get(node, []):

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from net.emulator.counts import Writer, report
-from net.emulator.link import Link
+from net.emulator.link import EmulatedLink
 from net.emulator.plan import Settings
 from net.emulator.timing import Lateness
 
-LINKS = [Link(name, Settings(), 1) for name in ("wan:gs:up", "wan:gs:down")]
+LINKS = [EmulatedLink(name, Settings(), 1) for name in ("wan:gs:up", "wan:gs:down")]
 
 
 def late(*all_ms: float) -> Lateness:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from net.emulator.link import CORRUPT, DROP, DUPLICATE, PASS, Link
+from net.emulator.link import CORRUPT, DROP, DUPLICATE, PASS, EmulatedLink
 from net.emulator.plan import Settings
 
 MS = 1_000_000
@@ -18,8 +18,8 @@ WIDE_999 = 3.29
 """Standard deviations on each side that hold 99.9 % of a normal distribution."""
 
 
-def link(**settings: object) -> Link:
-    return Link("air:uav1:up", replace(Settings(), **settings), seed=11)  # type: ignore[arg-type]
+def link(**settings: object) -> EmulatedLink:
+    return EmulatedLink("air:uav1:up", replace(Settings(), **settings), seed=11)  # type: ignore[arg-type]
 
 
 def within(count: int, frames: int, share: float) -> bool:
@@ -124,7 +124,7 @@ FRAMES = st.lists(st.tuples(st.integers(0, 50 * MS), st.integers(34, 1514)), min
 
 @given(settings=SETTINGS, frames=FRAMES)
 def test_whatever_comes_leaves_later_in_order_or_is_counted(settings: Settings, frames: list[tuple[int, int]]) -> None:
-    shaped, now, last = Link("wan:gs:up", settings, seed=2), 0, 0
+    shaped, now, last = EmulatedLink("wan:gs:up", settings, seed=2), 0, 0
     fates = {PASS: 0, DROP: 0}
     for wait, size in frames:
         now += wait
@@ -158,7 +158,7 @@ def test_every_frame_and_every_copy_is_accounted_for(
 
 @given(settings=SETTINGS, frames=FRAMES)
 def test_a_rate_is_never_exceeded(settings: Settings, frames: list[tuple[int, int]]) -> None:
-    shaped = Link("wan:gs:up", replace(settings, rate_bps=1_000_000, delay_us=0, jitter_us=0, loss=0.0), seed=2)
+    shaped = EmulatedLink("wan:gs:up", replace(settings, rate_bps=1_000_000, delay_us=0, jitter_us=0, loss=0.0), seed=2)
     now, busy_until = 0, 0
     for wait, size in frames:
         now += wait

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from net.emulator.link import DROP, PASS, WAIT
-from net.emulator.network import Network, Step, steps
+from net.emulator.network import Network, SettingsStep, steps
 from net.emulator.plan import Settings, ShapedPlan
 from net.link_plan import EventPlan
 
@@ -37,10 +37,10 @@ def test_an_event_begins_and_ends_at_its_times() -> None:
 def test_where_events_overlap_the_later_decides_each_field() -> None:
     plan, _ = network(EventPlan(1.0, UP, 4.0, {"loss": 0.5, "delay_us": 7}), EventPlan(2.0, UP, 1.0, {"loss": 0.9}))
     assert list(steps(plan)) == [
-        Step(1 * S, UP, Settings(loss=0.5, delay_us=7), {"loss": 0.5, "delay_us": 7}),
-        Step(2 * S, UP, Settings(loss=0.9, delay_us=7), {"loss": 0.9, "delay_us": 7}),
-        Step(3 * S, UP, Settings(loss=0.5, delay_us=7), {"loss": 0.5, "delay_us": 7}),
-        Step(5 * S, UP, Settings(loss=0.1), {}),
+        SettingsStep(1 * S, UP, Settings(loss=0.5, delay_us=7), {"loss": 0.5, "delay_us": 7}),
+        SettingsStep(2 * S, UP, Settings(loss=0.9, delay_us=7), {"loss": 0.9, "delay_us": 7}),
+        SettingsStep(3 * S, UP, Settings(loss=0.5, delay_us=7), {"loss": 0.5, "delay_us": 7}),
+        SettingsStep(5 * S, UP, Settings(loss=0.1), {}),
     ]
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from net.emulator.link import DROP, PASS, WAIT, Link
+from net.emulator.link import DROP, PASS, WAIT, EmulatedLink
 from net.emulator.plan import Settings
 from net.emulator.turns import QUANTUM_BYTES, Turns
 
@@ -17,10 +17,10 @@ FRAME = 125
 """Bytes that take a millisecond at 1 Mbit/s."""
 
 
-def pair(**settings: int) -> tuple[Turns, Link, Link]:
+def pair(**settings: int) -> tuple[Turns, EmulatedLink, EmulatedLink]:
     turns = Turns()
     planned = Settings(rate_bps=1_000_000, **settings)
-    up, down = (Link(name, planned, 1, turns) for name in ("air:uav1:up", "air:uav1:down"))
+    up, down = (EmulatedLink(name, planned, 1, turns) for name in ("air:uav1:up", "air:uav1:down"))
     return turns, up, down
 
 
@@ -63,7 +63,7 @@ def test_two_overfull_links_have_the_same_bytes_whatever_their_frames(large: int
         up.arrive(0, large)
         down.arrive(0, small)
     until = 200 * small * 8000
-    sent = Counter[Link]()
+    sent = Counter[EmulatedLink]()
     for link, _, _ in turns.advance(until):
         sent[link] += large if link is up else small
     assert abs(sent[up] - sent[down]) <= 2 * QUANTUM_BYTES

@@ -8,7 +8,7 @@ import pytest
 
 from net.link_plan import LinkPlan
 from testbed.fly.calibration import calibrate
-from testbed.fly.calibration.clocks import HERE, ahead_ns, measure_ways
+from testbed.fly.calibration.clocks import HERE, ahead_ns, measure_clocks
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.machines import machines_of
 from tests.handmade.clocked_nodes import ClockedNodes
@@ -28,12 +28,12 @@ def _nodes(ahead: dict[str, int], takes: int | None = 60_000) -> ClockedNodes:
 
 
 def test_nothing_is_measured_where_all_is_on_one_machine() -> None:
-    assert measure_ways(FLEET, (), _nodes({}).run) == ()
+    assert measure_clocks(FLEET, (), _nodes({}).run) == ()
 
 
 def test_the_way_to_each_machine_and_its_clock_are_found() -> None:
     ahead = {"fog1": 7_000_000, "fog2": -3_000_000}
-    here, first, second = measure_ways(FLEET, MACHINES, _nodes(ahead).run)
+    here, first, second = measure_clocks(FLEET, MACHINES, _nodes(ahead).run)
     assert (here.machine, first.machine, second.machine) == (HERE, "a", "b")
     assert [way.round_trip_ms for way in (here, first, second)] == [0.1, 0.1, 0.1]
     assert [way.ahead_ms for way in (here, first, second)] == pytest.approx([-0.01, 6.99, -3.01]), (
@@ -44,9 +44,9 @@ def test_the_way_to_each_machine_and_its_clock_are_found() -> None:
 
 
 def test_clocks_that_are_far_apart_and_a_machine_that_is_silent_are_named() -> None:
-    _, first, _ = measure_ways(FLEET, MACHINES, _nodes({"fog1": 80_000_000}).run)
+    _, first, _ = measure_clocks(FLEET, MACHINES, _nodes({"fog1": 80_000_000}).run)
     assert first.off == "a: its clock is +80.0 ms from this one's: expected 50 ms or less (NTP)"
-    _, first, _ = measure_ways(FLEET, MACHINES, _nodes({}, takes=None).run)
+    _, first, _ = measure_clocks(FLEET, MACHINES, _nodes({}, takes=None).run)
     assert first.off == "a: no datagram came from fog1 to net or back"
 
 

@@ -6,16 +6,22 @@ import pytest
 
 from net.emulator.jitter import make_jitter
 from net.link_plan import LinkPlan
-from testbed.fly.calibration.estimate import Row, delay_figures, first_copies, rate_when_overfilled, rate_when_received
-from testbed.fly.calibration.expected import Delays, arriving, rate_bps
+from testbed.fly.calibration.estimate import (
+    ArrivedProbe,
+    delay_figures,
+    first_copies,
+    rate_when_overfilled,
+    rate_when_received,
+)
+from testbed.fly.calibration.expected import ExpectedDelays, arriving, rate_bps
 from tests.examples import first_quick
 
 MS = 1_000_000
 
 
-def rows(delays_ms: list[float], every_ms: float = 25.0) -> list[Row]:
+def rows(delays_ms: list[float], every_ms: float = 25.0) -> list[ArrivedProbe]:
     return [
-        Row(number, int(number * every_ms * MS), int((number * every_ms + delay_ms) * MS))
+        ArrivedProbe(number, int(number * every_ms * MS), int((number * every_ms + delay_ms) * MS))
         for number, delay_ms in enumerate(delays_ms)
     ]
 
@@ -42,15 +48,18 @@ def test_too_few_probes_say_nothing() -> None:
 
 
 def test_of_copies_the_first_counts() -> None:
-    assert first_copies([Row(1, 0, 9), Row(0, 0, 5), Row(1, 0, 7)]) == [Row(0, 0, 5), Row(1, 0, 7)]
+    assert first_copies([ArrivedProbe(1, 0, 9), ArrivedProbe(0, 0, 5), ArrivedProbe(1, 0, 7)]) == [
+        ArrivedProbe(0, 0, 5),
+        ArrivedProbe(1, 0, 7),
+    ]
 
 
 def test_a_full_links_rate_is_told_by_when_those_that_got_in_were_sent_whatever_their_delays() -> None:
     every_ns = 640_000  # 100 bytes at 1.25 Mbit/s: four of five get into a link of 1 Mbit/s
     got_in = [number for number in range(500) if number < 30 or number % 5]
-    burst = [Row(number, 0, 40 * MS) for number in got_in if number < 30]
+    burst = [ArrivedProbe(number, 0, 40 * MS) for number in got_in if number < 30]
     paced = [
-        Row(number, (number - 29) * every_ns, number * every_ns + number % 7 * 30 * MS)
+        ArrivedProbe(number, (number - 29) * every_ns, number * every_ns + number % 7 * 30 * MS)
         for number in got_in
         if number >= 30
     ]
@@ -59,19 +68,20 @@ def test_a_full_links_rate_is_told_by_when_those_that_got_in_were_sent_whatever_
 
 
 def test_a_sender_that_pauses_and_catches_up_does_not_change_the_rate() -> None:
-    burst = [Row(number, 0, 0) for number in range(30)]
-    steady = [Row(30 + number, (number + 1) * 800_000, 0) for number in range(300)]
+    burst = [ArrivedProbe(number, 0, 0) for number in range(30)]
+    steady = [ArrivedProbe(30 + number, (number + 1) * 800_000, 0) for number in range(300)]
     paused = [
-        row if not 100 <= row.number < 110 else Row(row.number, 110 * 800_000 - 29 * 800_000, 0) for row in steady
+        row if not 100 <= row.number < 110 else ArrivedProbe(row.number, 110 * 800_000 - 29 * 800_000, 0)
+        for row in steady
     ]
     for sent in (steady, paused):
         assert rate_when_overfilled(burst + sent, 30, 100, 1.0) == pytest.approx(1_000_000, rel=0.01)
 
 
 def test_arrivals_one_behind_the_other_tell_the_rate_though_some_are_lost() -> None:
-    came = [Row(number, 0, (100 + number * 10) * MS) for number in range(60) if number % 9]
+    came = [ArrivedProbe(number, 0, (100 + number * 10) * MS) for number in range(60) if number % 9]
     assert rate_when_received(came, 80) == pytest.approx(64_000)
-    assert rate_when_received([Row(number, 0, 5) for number in range(9)], 80) is None
+    assert rate_when_received([ArrivedProbe(number, 0, 5) for number in range(9)], 80) is None
 
 
 @pytest.mark.long
@@ -79,7 +89,7 @@ def test_arrivals_one_behind_the_other_tell_the_rate_though_some_are_lost() -> N
 def test_right_links_are_hardly_ever_out_of_tolerance(distribution: str) -> None:
     """99.9 % are within by the reckoning: of 300 more than 5 are out once in a million times."""
     link = LinkPlan(delay_us=60_000, jitter_us=10_000, distribution=distribution)
-    delays, every_ms, count = Delays(link), 30.0, 84
+    delays, every_ms, count = ExpectedDelays(link), 30.0, 84
     out = 0
     for seed in range(300):
         jitter = make_jitter(distribution, 10 * MS, False, seed, "air:uav1:up")
@@ -93,18 +103,18 @@ def test_right_links_are_hardly_ever_out_of_tolerance(distribution: str) -> None
 
 
 def test_tolerances_are_narrow_where_nothing_is_drawn() -> None:
-    steady = Delays(LinkPlan(delay_us=45_000)).middle_ms(40, 1.0)
+    steady = ExpectedDelays(LinkPlan(delay_us=45_000)).middle_ms(40, 1.0)
     assert (steady.lowest, steady.expected, steady.highest) == pytest.approx((44.25, 45.0, 47.45))
 
 
 def test_a_delay_is_never_negative_in_what_is_expected_either() -> None:
-    link = Delays(LinkPlan(delay_us=1_000, jitter_us=1_000))
+    link = ExpectedDelays(LinkPlan(delay_us=1_000, jitter_us=1_000))
     assert link.middle_ms(40, 1.0).expected > 1.0
     assert link.span_ms < 2.57
 
 
 def test_frames_that_skip_their_delay_are_expected_to() -> None:
-    link = Delays(LinkPlan(delay_us=40_000, reorder=0.25))
+    link = ExpectedDelays(LinkPlan(delay_us=40_000, reorder=0.25))
     assert link.middle_ms(40, 1.0).expected == pytest.approx(40 * (0.9 - 0.25) / 0.8, rel=0.01)
 
 

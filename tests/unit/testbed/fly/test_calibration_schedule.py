@@ -9,7 +9,7 @@ import pytest
 
 from net.link_plan import LinkPlan
 from net.probe import parse_schedule
-from testbed.fly.calibration.schedule import DELAY, RATE, Flow, Schedule, make_schedule
+from testbed.fly.calibration.schedule import DELAY, RATE, CalibrationFlow, CalibrationSchedule, make_schedule
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
 from testbed.plan.profiles.resolve import LinksPlan, resolve
@@ -18,12 +18,12 @@ from tests.handmade.simulated_links import DOWN, TWO, UP, plan_of
 TOPOLOGY = standard_fleet().topology()
 
 
-def of_profile(name: str) -> tuple[LinksPlan, Schedule]:
+def of_profile(name: str) -> tuple[LinksPlan, CalibrationSchedule]:
     plan = resolve(read_profile(name), TOPOLOGY, "scenario-1", 1)
     return plan, make_schedule(plan, TOPOLOGY, {}, frozenset(plan.links))
 
 
-def of_links(up: LinkPlan, down: LinkPlan | None = None) -> dict[tuple[str, str], Flow]:
+def of_links(up: LinkPlan, down: LinkPlan | None = None) -> dict[tuple[str, str], CalibrationFlow]:
     plan = plan_of(up, down)
     schedule = make_schedule(plan, TWO, {}, frozenset(plan.links))
     return {(flow.link, flow.purpose): flow for flow in schedule.flows}

@@ -10,7 +10,7 @@ import pytest
 
 from testbed.errors import ResultsError
 from testbed.fly.campaign import pushing
-from testbed.fly.campaign.pushing import INCOMING, Arrived, File, Store, files_of, push, remove
+from testbed.fly.campaign.pushing import INCOMING, ArrivedSeries, File, Store, files_of, push, remove
 from testbed.fly.results import Series
 
 NAME = "scenario 3, arm thesis, profile ideal"
@@ -34,7 +34,7 @@ def series_in(root: Path, text: bytes = b"flown") -> Series:
     return series
 
 
-def pushed(store: Store, root: Path, machine: str = "lab-1") -> Arrived:
+def pushed(store: Store, root: Path, machine: str = "lab-1") -> ArrivedSeries:
     return push(Series(root / PATH), root, NAME, machine, ["attempt 1: void"], store)
 
 
@@ -54,7 +54,7 @@ def test_a_series_arrives_as_it_was_flown(tmp_path: Path) -> None:
     series = series_in(tmp_path / "worker")
     store = Store(tmp_path / "results")
     arrived = pushed(store, tmp_path / "worker")
-    assert arrived == Arrived(PATH, "lab-1", 3, 2505, ("attempt 1: void",))
+    assert arrived == ArrivedSeries(PATH, "lab-1", 3, 2505, ("attempt 1: void",))
     assert files_of(tmp_path / "results" / PATH) == files_of(series.path)
     assert (tmp_path / "results" / "scenario-3" / "latest").resolve().name == "20260101T000000Z"
     assert left_in(tmp_path / "results") == ["20260101T000000Z"]

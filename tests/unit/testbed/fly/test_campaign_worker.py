@@ -16,8 +16,8 @@ import pytest
 from testbed.errors import ContainerDied, DockerError, TestbedError, UserError
 from testbed.fly import resume
 from testbed.fly.campaign import worker
-from testbed.fly.campaign.pushing import Arrived, Store
-from testbed.fly.campaign.run import Steps, name_of
+from testbed.fly.campaign.pushing import ArrivedSeries, Store
+from testbed.fly.campaign.run import SeriesSteps, name_of
 from testbed.fly.campaign.targets import Wish, plans_of
 from testbed.fly.campaign.worker import Home, carry_out, in_a_process, terms
 from testbed.fly.results import Series, new_series
@@ -59,11 +59,11 @@ class Machine:
         self.flown: list[Series] = []
         self._monkeypatch = monkeypatch
 
-    def carry_out(self, raises: Exception | None = None) -> tuple[Arrived | str | None, str | None]:
+    def carry_out(self, raises: Exception | None = None) -> tuple[ArrivedSeries | str | None, str | None]:
         """What comes of a series, and why the machine leaves."""
         return asyncio.run(self._carry_out(raises))
 
-    async def _carry_out(self, raises: Exception | None) -> tuple[Arrived | str | None, str | None]:
+    async def _carry_out(self, raises: Exception | None) -> tuple[ArrivedSeries | str | None, str | None]:
         home = Home(self.root)
         log = SimpleNamespace(name="lab-1", plugins={"home": home})
         self._monkeypatch.setattr(worker, "get_worker", lambda: log)
@@ -75,9 +75,9 @@ class Machine:
                 raise raises
             return run_series(plan, series, Quiet(), Fleet([]), begun)
 
-        found: Arrived | str | None = None
+        found: ArrivedSeries | str | None = None
         with contextlib.suppress(*([type(raises)] if raises is not None else [])):
-            found = carry_out(PLAN, NAME, Waited(self.store), Steps(fly, count_attempts))
+            found = carry_out(PLAN, NAME, Waited(self.store), SeriesSteps(fly, count_attempts))
         await asyncio.sleep(0)
         return found, home.leaves.result() if home.leaves.done() else None
 
@@ -89,7 +89,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
 
 def test_a_series_is_flown_measured_pushed_and_removed_here(machine: Machine) -> None:
     found, leaves = machine.carry_out()
-    assert isinstance(found, Arrived)
+    assert isinstance(found, ArrivedSeries)
     assert (found.machine, leaves) == ("lab-1", None)
     (attempt, *_) = Series(machine.results / found.series).attempts()
     assert attempt.manifest()["host"]["name"] == "lab-1"

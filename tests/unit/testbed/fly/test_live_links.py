@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from testbed.errors import DockerError, UserError
-from testbed.fly.live_links import Change, changes, read_live_plan, tell
+from testbed.fly.live_links import LiveChange, changes, read_live_plan, tell
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import LinksPlan, resolve
@@ -22,7 +22,7 @@ def _plan(profile: str = "ideal") -> LinksPlan:
 
 def _changes(
     link: str, profile: str = "ideal", *, closed: bool = False, back: bool = False, **typed: str
-) -> list[Change]:
+) -> list[LiveChange]:
     return changes(_plan(profile), TOPOLOGY, link, typed, closed=closed, back=back)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mqttxt.core.mqtt.sn import packets
+from mqttxt.core.mqtt.sn import codec, packets
 from mqttxt.core.mqtt.sn.packets import Message
 from mqttxt.core.mqtt.sn.together import Told, pack
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds
@@ -24,7 +24,7 @@ STATE, WORD, COMMANDS = "drone1/state/battery", "drone1/commands_result/arm", "d
 
 
 def datagram(row: int, packet: packets.Packet, left_ns: int | None = 1) -> Datagram:
-    return Datagram(row, left_ns, packets.encode(packet))
+    return Datagram(row, left_ns, codec.encode(packet))
 
 
 def message(topic: str, payload: bytes, msg_id: int = 0, dup: bool = False) -> Message:
@@ -61,7 +61,7 @@ def test_a_repetition_is_a_copy_that_may_be_the_one_that_arrives() -> None:
 def test_a_repetition_is_a_retransmission_as_of_tcp(series: Series) -> None:
     attempt = make_attempt(series)
     frames = [
-        udp_frame(NODES["uav1"], NODES["fog1"], packets.encode(message(WORD, b"w", 7, dup=number > 0)), number, PORTS)
+        udp_frame(NODES["uav1"], NODES["fog1"], codec.encode(message(WORD, b"w", 7, dup=number > 0)), number, PORTS)
         for number in range(3)
     ]
     write_pcap(attempt.path / "pcap" / "uav1.pcap", [(T0 + number, frame) for number, frame in enumerate(frames)])
@@ -78,7 +78,7 @@ def test_messages_together_are_told_apart_and_one_in_pieces_ends_in_the_last() -
     sent = [Message(TOGETHER, piece, qos=1, msg_id=number) for number, piece in enumerate(cuts, start=1)]
     found = read_datagrams([[datagram(row, packet) for row, packet in enumerate(sent)]])
     assert [(packet.row, packet.topic) for packet in found.packets] == [(0, COMMANDS), (1, "fleet/revoked")]
-    assert sum(packet.size or 0 for packet in found.packets) == sum(len(packets.encode(packet)) for packet in sent)
+    assert sum(packet.size or 0 for packet in found.packets) == sum(len(codec.encode(packet)) for packet in sent)
 
 
 def test_what_is_no_packet_is_none() -> None:
@@ -89,7 +89,7 @@ def test_what_is_no_packet_is_none() -> None:
 def test_a_state_by_air_counts_as_udp_s_and_mqtt_s(series: Series) -> None:
     attempt = make_attempt(series)
     payload = encode_state(StampedState(Battery(80), 99), Encoding.CBOR)
-    body = packets.encode(message(STATE, payload))
+    body = codec.encode(message(STATE, payload))
     sent = udp_frame(NODES["uav1"], NODES["fog1"], body, 77, (50_000, 1883))
     at = T0 + 3 * SECOND
     write_pcap(attempt.path / "pcap" / "uav1.pcap", [(at, sent)])

@@ -13,21 +13,21 @@ from testbed.numbers.reproduction import (
     NOT_REPRODUCED,
     REPRODUCED,
     UNDECIDED,
-    Judged,
+    JudgedLine,
     estimate,
     judge,
     paired_ratios,
     verdict_of,
 )
 from testbed.plan.experiments import make_plan
-from testbed.plan.headline import Cell, Line
+from testbed.plan.headline import HeadlineCell, HeadlineLine
 from tests.examples import examples
 from tests.handmade.both_sides import entry, failed
 
 SEED = 7
 
 
-def _judged(points: dict[str, list[float]], of: str = "ratio", margin: tuple[float, float] = (1, 3)) -> Judged:
+def _judged(points: dict[str, list[float]], of: str = "ratio", margin: tuple[float, float] = (1, 3)) -> JudgedLine:
     """A line about packets; a protocol's `points` by attempt from 1 on."""
     attempts = max(map(len, points.values()))
     sides = {
@@ -37,8 +37,10 @@ def _judged(points: dict[str, list[float]], of: str = "ratio", margin: tuple[flo
     return _judge(sides, of, margin, attempts)
 
 
-def _judge(sides: dict[str, Any], of: str, margin: tuple[float, float], attempts: int, key: str = "packets") -> Judged:
-    cell = Cell(make_plan("scenario-1", str(attempts)), (Line(key, of, margin[0], margin, "a guess"),))
+def _judge(
+    sides: dict[str, Any], of: str, margin: tuple[float, float], attempts: int, key: str = "packets"
+) -> JudgedLine:
+    cell = HeadlineCell(make_plan("scenario-1", str(attempts)), (HeadlineLine(key, of, margin[0], margin, "a guess"),))
     (found,) = judge(cell, observe(sides), SEED)
     return found
 

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 import pytest
 
 from testbed.fly.results import Series, new_series
-from testbed.numbers.quantity import Figure as Quantity
-from testbed.present.report.details import Measured
+from testbed.numbers.quantity import QuantityFigure
+from testbed.present.report.details import LinkFigure
 from testbed.present.report.figures import attempts, axes, delays, files, losses, parts, sizes, topology, traffic
 from testbed.present.report.figures.draw import NARROW, WIDE, Drawing, svg
 from testbed.present.report.figures.figure import Figure
@@ -134,8 +134,10 @@ def test_loss_is_named_by_its_cause_and_none_draws_nothing() -> None:
 
 
 def test_a_failed_attempt_is_a_cross_and_never_a_time() -> None:
-    flown = [attempts.Mission(1, 36.0, "completed", None), attempts.Mission(2, None, "failed", "denied")]
-    figure = attempts.mission_time({"mqttxt": flown}, {"mqttxt": Quantity("36.0 s", 36.0, {1: 36.0})}, {"mqttxt": 44})
+    flown = [attempts.MissionTime(1, 36.0, "completed", None), attempts.MissionTime(2, None, "failed", "denied")]
+    figure = attempts.mission_time(
+        {"mqttxt": flown}, {"mqttxt": QuantityFigure("36.0 s", 36.0, {1: 36.0})}, {"mqttxt": 44}
+    )
     assert figure is not None
     assert [(row["status"], row["mission_s"], row["reason"]) for row in rows_of(figure)] == [
         *(("completed", "36", ""), ("failed", "", "denied")),
@@ -145,12 +147,12 @@ def test_a_failed_attempt_is_a_cross_and_never_a_time() -> None:
 
 
 def test_the_topology_has_a_place_for_every_node_and_says_what_was_measured() -> None:
-    way = {"delay_ms": Measured(25.0, 25.2, None), "loss": Measured(0.01, 0.0, None)}
+    way = {"delay_ms": LinkFigure(25.0, 25.2, None), "loss": LinkFigure(0.01, 0.0, None)}
     links = [
-        topology.Link("wan:gs", "gs", "cloud", way, {}),
-        topology.Link("backhaul:fog1", "fog1", "cloud", {}, {}),
-        topology.Link("air:uav1", "uav1", "fog1", {}, {}),
-        topology.Link("sense:uav1", "sensor1", "uav1", {}, {}),
+        topology.DrawnLink("wan:gs", "gs", "cloud", way, {}),
+        topology.DrawnLink("backhaul:fog1", "fog1", "cloud", {}, {}),
+        topology.DrawnLink("air:uav1", "uav1", "fog1", {}, {}),
+        topology.DrawnLink("sense:uav1", "sensor1", "uav1", {}, {}),
     ]
     figure = topology.topology(links, "lte", "netem")
     assert figure is not None

@@ -26,7 +26,7 @@ from testbed.numbers.quantities import (
     SPREAD,
     row,
 )
-from testbed.numbers.quantity import Figure, Quantity, Share
+from testbed.numbers.quantity import Quantity, QuantityFigure, Share
 from testbed.numbers.statistics import significant
 from testbed.plan.documents import ROOT
 from testbed.present.report import compare, message_set, terminal
@@ -34,7 +34,7 @@ from testbed.present.report.message_terminal import delay_table, traffic_table
 from testbed.present.summary.cells import SIDES, Cell
 from testbed.present.summary.claims import claims
 from testbed.present.summary.kinds import rows_of
-from testbed.present.summary.numbers import Pair, numbers_of
+from testbed.present.summary.numbers import TextPair, numbers_of
 from tests.handmade.both_sides import make_series
 from tests.handmade.pages import page_of
 
@@ -68,8 +68,8 @@ class Recorded:
         return page_of(self.series, self.metrics).rows
 
     @cached_property
-    def compared(self) -> Mapping[tuple[str, str], compare.Row]:
-        one = compare.Result("A", self.series, self.metrics, ())
+    def compared(self) -> Mapping[tuple[str, str], compare.ComparedMetric]:
+        one = compare.ComparedSeries("A", self.series, self.metrics, ())
         return {(row.name, row.protocol): row for row in compare.rows(one, one)}
 
     @cached_property
@@ -100,7 +100,7 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return recorded(MESSAGES, tmp_path_factory)
 
 
-def figures(quantity: Quantity, of: Recorded) -> dict[str, Figure]:
+def figures(quantity: Quantity, of: Recorded) -> dict[str, QuantityFigure]:
     return {protocol: quantity.figure(of.sides[protocol]) for protocol in SIDES}
 
 
@@ -156,7 +156,7 @@ def test_metrics_json_tells_it_alike(quantity: Quantity, flown: Recorded) -> Non
 def test_summary_and_findings_tell_it_alike(quantity: Quantity, flown: Recorded) -> None:
     pair = numbers_of(flown.cell).texts[IN_A_ROW.get(quantity, quantity.name)]
     told = [figure.brief for figure in figures(quantity, flown).values()]
-    assert isinstance(pair, Pair)
+    assert isinstance(pair, TextPair)
     assert [pair.mqttxt, pair.mavlink] == told
     assert any(" / ".join(told) in line for line in flown.findings)
 
@@ -187,7 +187,7 @@ def test_every_attempts_row_is_the_same_on_terminal_and_page(flown: Recorded) ->
 @pytest.mark.long
 @pytest.mark.parametrize("quantity", kinds.QUANTITIES, ids=lambda one: one.key)
 @pytest.mark.parametrize("name", [*kinds.COMMANDS, *kinds.STATES])
-def test_a_kind_of_message_is_told_alike(name: str, quantity: kinds.Quantity, messages: Recorded) -> None:
+def test_a_kind_of_message_is_told_alike(name: str, quantity: kinds.KindQuantity, messages: Recorded) -> None:
     sides = kinds.kinds_of(messages.sides)[name]
     told = [quantity.figure(sides[protocol]).text for protocol in SIDES]
     table = message_set.rows(messages.metrics)
@@ -201,7 +201,7 @@ def test_a_kind_of_message_is_told_alike(name: str, quantity: kinds.Quantity, me
     in_summary = next(cells for cells in rows_of(messages.cell) if cells[0] == name)
     assert set(told) <= set(on_terminal)
     assert own or set(told) <= set(on_page)
-    assert any(isinstance(cell, Pair) and [cell.mqttxt, cell.mavlink] == told for cell in in_summary)
+    assert any(isinstance(cell, TextPair) and [cell.mqttxt, cell.mavlink] == told for cell in in_summary)
     (line,) = [line for line in messages.findings if f"`{name}`" in line]
     assert " / ".join(told) in line
     if quantity in (kinds.OWN_SIZE, kinds.DELAY):

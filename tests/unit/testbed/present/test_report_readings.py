@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from testbed.fly.results import Series, new_series
-from testbed.numbers.metrics.readings import Measured
+from testbed.numbers.metrics.readings import MeasuredValue
 from testbed.present.report import comparison, readings, thesis, thesis_rows
 from testbed.present.report.figures import readings as figures
 from tests.handmade.both_sides import entry, make_series
@@ -155,17 +155,17 @@ def test_a_printed_size_that_is_a_slip_makes_no_ratio_of_the_thesis(series: Seri
     assert rows["bytes"].cells["mqttxt"].thesis == "348 kB"
 
 
-def measured(drone: int, kind: str, second: int, told_ms: float | None = 8.0) -> Measured:
+def measured(drone: int, kind: str, second: int, told_ms: float | None = 8.0) -> MeasuredValue:
     time_ms = START_NS // 1_000_000 + 1000 * second
     left_ns = time_ms * 1_000_000 + 1_000_000
     told_ns = None if told_ms is None else time_ms * 1_000_000 + round(told_ms * 1e6)
     arrived_ns = None if told_ms is None else left_ns + 4_000_000
-    return Measured(drone, drone, kind, UNITS[kind], 20.0 + second, time_ms, left_ns, arrived_ns, told_ns)
+    return MeasuredValue(drone, drone, kind, UNITS[kind], 20.0 + second, time_ms, left_ns, arrived_ns, told_ns)
 
 
 def test_the_figures_data_has_each_value_with_its_times() -> None:
     values = (measured(1, "light", 12), measured(1, "temperature", 12), measured(2, "light", 13, told_ms=None))
-    figure = figures.values({"mqttxt": figures.Side(values, START_NS)})
+    figure = figures.values({"mqttxt": figures.DetailedReadings(values, START_NS)})
     assert figure is not None
     assert figure.csv().splitlines()[1:] == [
         "mqttxt,1,1,light,lx,12,32,12.008,4,8",
@@ -181,7 +181,7 @@ def test_the_figures_data_has_each_value_with_its_times() -> None:
 
 def test_of_many_values_only_what_never_came_is_marked() -> None:
     values = tuple(measured(1, "light", second, told_ms=None if second == 7 else 8.0) for second in range(100))
-    figure = figures.values({"mavlink": figures.Side(values, START_NS)})
+    figure = figures.values({"mavlink": figures.DetailedReadings(values, START_NS)})
     assert figure is not None
     assert figure.wide().count("<title>MAVLink, drone 1") == 1
     assert "measured at 7.0 s, never came" in figure.wide()
@@ -190,12 +190,14 @@ def test_of_many_values_only_what_never_came_is_marked() -> None:
 
 def test_delays_are_shown_both_ways() -> None:
     values = (measured(1, "light", 12), measured(2, "light", 13, told_ms=60.0))
-    figure = figures.delays({"mavlink": figures.Side(values, START_NS)})
+    figure = figures.delays({"mavlink": figures.DetailedReadings(values, START_NS)})
     assert figure is not None
     assert [row[2:] for row in figure.rows] == [(4.0, 0.5), (4.0, 1.0), (8.0, 0.5), (60.0, 1.0)]
     assert "node to node" in figure.narrow()
 
 
 def test_nothing_measured_draws_nothing() -> None:
-    assert figures.values({"mqttxt": figures.Side((), START_NS)}) is None
-    assert figures.delays({"mqttxt": figures.Side((measured(1, "light", 1, told_ms=None),), START_NS)}) is None
+    assert figures.values({"mqttxt": figures.DetailedReadings((), START_NS)}) is None
+    assert (
+        figures.delays({"mqttxt": figures.DetailedReadings((measured(1, "light", 1, told_ms=None),), START_NS)}) is None
+    )

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .link import Link
+from .link import EmulatedLink
 from .timing import Lateness
 
 VERSION = 1
@@ -17,7 +17,7 @@ LATE_LIMIT_MS = 10.0
 """The limit of lateness at p99, beyond which links are not as planned: three times that for a quiet machine."""
 
 
-def by_link(links: Sequence[Link], drops: Mapping[int, int]) -> dict[str, dict[str, int]]:
+def by_link(links: Sequence[EmulatedLink], drops: Mapping[int, int]) -> dict[str, dict[str, int]]:
     """The counts of each link so far; `drops` are the kernel's by queue number, the link's index."""
     for queue, link in enumerate(links):
         link.counters.overload = drops.get(queue, 0)
@@ -26,7 +26,7 @@ def by_link(links: Sequence[Link], drops: Mapping[int, int]) -> dict[str, dict[s
 
 def report(
     profile: str,
-    links: Sequence[Link],
+    links: Sequence[EmulatedLink],
     drops: Mapping[int, int],
     overruns: int,
     late: Lateness,

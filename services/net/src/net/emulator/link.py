@@ -45,7 +45,7 @@ class Counters:
     reordered: int = 0
 
 
-class Link:
+class EmulatedLink:
     """A link's state; call `arrive` for each frame, in the order of arrival."""
 
     def __init__(self, name: str, settings: Settings, seed: int, turns: Turns | None = None) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..link_plan import EventPlan
 from .jitter import make_jitter
-from .link import Link
+from .link import EmulatedLink
 from .plan import Settings, ShapedPlan, changed
 from .turns import Turns
 
@@ -22,7 +22,7 @@ _NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Step:
+class SettingsStep:
     """A link's settings from `at_ns` after the start on; `change` has those that events set."""
 
     at_ns: int
@@ -41,9 +41,9 @@ class Network:
             if link.shared_with is not None and name not in shared:
                 shared[name] = shared[link.shared_with] = Turns()
         self.turns = list({id(turns): turns for turns in shared.values()}.values())
-        self.links = {name: Link(name, link, plan.seed, shared.get(name)) for name, link in plan.links.items()}
+        self.links = {name: EmulatedLink(name, link, plan.seed, shared.get(name)) for name, link in plan.links.items()}
         self._steady = plan.links
-        self._planned = {name: Step(0, name, link, {}) for name, link in plan.links.items()}
+        self._planned = {name: SettingsStep(0, name, link, {}) for name, link in plan.links.items()}
         self._held: dict[str, Mapping[str, Any]] = {}
         self._shut: set[str] = set()
         self._start_ns: int | None = None
@@ -64,7 +64,7 @@ class Network:
             return None
         return self._start_ns + self._steps[-1].at_ns
 
-    def change_until(self, now_ns: int) -> list[Step]:
+    def change_until(self, now_ns: int) -> list[SettingsStep]:
         """Carry out the events that are due; returns the steps that took effect."""
         found = []
         while (due_ns := self.next_change_ns) is not None and due_ns <= now_ns:
@@ -80,7 +80,7 @@ class Network:
         self._held[name] = change
         self._apply(name)
 
-    def let_go(self, name: str) -> Step:
+    def let_go(self, name: str) -> SettingsStep:
         """Put a link back as planned; returns the step that is in force."""
         self._held.pop(name, None)
         self._apply(name)
@@ -97,9 +97,9 @@ class Network:
         self.links[name].change(replace(settings, closed=True) if name in self._shut else settings)
 
 
-def steps(plan: ShapedPlan) -> Iterator[Step]:
+def steps(plan: ShapedPlan) -> Iterator[SettingsStep]:
     """The steps that the events make, sorted by time; where events overlap, the one that began last sets each field."""
-    found: list[Step] = []
+    found: list[SettingsStep] = []
     for name, link in plan.links.items():
         own = [event for event in plan.events if event.link == name]
         bounds = [(ns, place) for place, event in enumerate(own) for ns in _bounds(event)]
@@ -109,7 +109,7 @@ def steps(plan: ShapedPlan) -> Iterator[Step]:
             change: dict[str, Any] = {}
             for place in sorted(active):
                 change |= own[place].change
-            found.append(Step(moment_ns, name, changed(link, change), change))
+            found.append(SettingsStep(moment_ns, name, changed(link, change), change))
     yield from sorted(found, key=attrgetter("at_ns"))
 
 

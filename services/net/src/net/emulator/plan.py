@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from ..interfaces import NetError
-from ..link_plan import DISTRIBUTIONS, VERSION, EventPlan, LinkPlan, Plan
+from ..link_plan import DISTRIBUTIONS, VERSION, BaseLinksPlan, EventPlan, LinkPlan
 
 MAX_DELAY_US = 60_000_000
 MAX_QUEUE_PACKETS = 1_000_000
@@ -39,7 +39,7 @@ class Settings(LinkPlan):
 
 
 @dataclass(frozen=True)
-class ShapedPlan(Plan):
+class ShapedPlan(BaseLinksPlan):
     """A checked plan."""
 
     links: Mapping[str, Settings]

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from ..ending import Ending
-from ..hops import Link as Pair
+from ..hops import NodePair
 from ..interfaces import NetError, Port
 from . import counts, nfqueue, rules
 from .control import Channel
-from .network import Network, Step
+from .network import Network, SettingsStep
 from .nfqueue import Queues
 from .plan import ShapedPlan
 from .priority import raise_priority
@@ -27,7 +27,7 @@ from .timing import Lateness
 
 
 def shape(
-    plan: ShapedPlan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, said: Path | Channel | None
+    plan: ShapedPlan, ports: Sequence[Port], pairs: Sequence[NodePair], counters_file: Path, said: Path | Channel | None
 ) -> None:
     """Shape every link until SIGTERM or SIGINT; writes counters each second and at the end. Raises NetError.
 
@@ -40,7 +40,7 @@ def shape(
     queues = Queues(len(ways), whole)
     with contextlib.closing(queues), Ending() as ending:
 
-        def tell(steps: Sequence[Step]) -> None:
+        def tell(steps: Sequence[SettingsStep]) -> None:
             if channel is not None:
                 channel.send({"events": [_event(step) for step in steps]})
 
@@ -137,7 +137,7 @@ class _Listener:
         return []
 
 
-def _event(step: Step) -> dict[str, Any]:
+def _event(step: SettingsStep) -> dict[str, Any]:
     return {"t_ns": time.time_ns(), "link": step.link, "change": dict(step.change) or None}
 
 

@@ -10,8 +10,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..hops import Link as Pair
-from ..hops import next_hops
+from ..hops import NodePair, next_hops
 from ..interfaces import NetError, Port
 from .plan import PlanError
 
@@ -31,7 +30,7 @@ class Way:
     destination: Port
 
 
-def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[Pair]) -> tuple[Way, ...]:
+def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[NodePair]) -> tuple[Way, ...]:
     """`CLASS:NODE:up` leads from NODE to the next node towards the cloud, `down` back; `sense:NODE:up` leads from the
     node beyond to NODE.
 
@@ -57,7 +56,7 @@ def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[Pair]) 
     return tuple(found)
 
 
-def _ends(kind: str, node: str, hops: Mapping[Pair, str]) -> Pair | None:
+def _ends(kind: str, node: str, hops: Mapping[NodePair, str]) -> NodePair | None:
     """The lower and the upper end of a link; None if no link has that name.
 
     A sense link has the name of the drone, its upper end: the sensor is the only node beyond it.

@@ -21,7 +21,7 @@ from . import nfqueue
 from .injector import Injector
 from .jitter import generator
 from .link import CORRUPT, DROP, DUPLICATE, PASS, WAIT, Counters
-from .network import Network, Step
+from .network import Network, SettingsStep
 from .nfqueue import Queues
 from .rules import Way
 from .timing import Lateness
@@ -51,7 +51,7 @@ class Shaper:
         ways: Sequence[Way],
         queues: Queues,
         whole: frozenset[int],
-        said: Callable[[Sequence[Step]], None],
+        said: Callable[[Sequence[SettingsStep]], None],
     ) -> None:
         self.late = Lateness()
         self.overruns = 0

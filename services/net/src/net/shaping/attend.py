@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..emulator.plan import PlanError, parse_change
 from ..interfaces import NetError
 from . import gates
-from .choice import Choice
+from .choice import ShaperChoice
 from .journal import HAND, RANGE, Journal, write_json
 from .run_plan import RunPlan
 from .server import Server
@@ -42,7 +42,9 @@ class Links(Protocol):
 class Attendant:
     """Makes the chosen shaper and writes `shaper.json`; `attend` must be called again after the time it returns."""
 
-    def __init__(self, folder: Path, run: RunPlan, choice: Choice, make: Callable[[Journal], Links | None]) -> None:
+    def __init__(
+        self, folder: Path, run: RunPlan, choice: ShaperChoice, make: Callable[[Journal], Links | None]
+    ) -> None:
         self._folder, self._run = folder, run
         self._start_file = folder / "start"
         if self._start_file.exists():

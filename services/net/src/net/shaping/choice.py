@@ -31,7 +31,7 @@ STAGES: tuple[Words, ...] = tuple(
 
 
 @dataclass(frozen=True)
-class Choice:
+class ShaperChoice:
     """The chosen `shaper`, netem, nfqueue or none, and why."""
 
     shaper: str
@@ -42,18 +42,18 @@ class Choice:
         return asdict(self)
 
 
-def choose(wanted: RunPlan, runner: Runner = run) -> Choice:
+def choose(wanted: RunPlan, runner: Runner = run) -> ShaperChoice:
     """Choose the shaper of a run's links. Raises NetError if the plan asks for netem and the kernel cannot."""
     if not wanted.is_shaped:
-        return Choice("none", f"profile {wanted.plan.profile} shapes nothing")
+        return ShaperChoice("none", f"profile {wanted.plan.profile} shapes nothing")
     if wanted.shaper == "nfqueue":
-        return Choice("nfqueue", "the plan asks for it")
+        return ShaperChoice("nfqueue", "the plan asks for it")
     refused = try_netem(runner)
     if refused is None:
-        return Choice("netem", "the kernel has it" if wanted.shaper == "auto" else "the plan asks for it")
+        return ShaperChoice("netem", "the kernel has it" if wanted.shaper == "auto" else "the plan asks for it")
     if wanted.shaper == "netem":
         raise NetError(f"plan.json: shaper 'netem': {refused}; expected a kernel that can, or auto")
-    return Choice("nfqueue", f"the kernel cannot shape by itself: {refused}")
+    return ShaperChoice("nfqueue", f"the kernel cannot shape by itself: {refused}")
 
 
 def try_netem(runner: Runner = run) -> str | None:
