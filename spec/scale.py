@@ -25,6 +25,7 @@ from mqttxt.protocol.names import MAX_DRONE
 from testbed.plan.documents import ROOT
 
 from .flights import flights_table, read_flights
+from .pages import pages
 from .tables import filled, table
 
 MOSQUITTO = "mosquitto"
@@ -231,8 +232,9 @@ def cluster_goals(run: dict[str, Any]) -> str:
 
 def main(*files: str) -> None:
     """Write the tables into `files`."""
+    of_page = pages(files, "load.json", "cluster.json", "prices.yaml", "flights.json")
     apiece = hops((ROOT / "docs" / "performance.md").read_text(encoding="utf-8"))
-    for path in map(Path, files):
+    for path in of_page:
         runs = read_runs(path.with_suffix("") / "load.json")
         prices = read_prices(path.with_suffix("") / "prices.yaml")
         cost, on_cluster = costs(runs), read_runs(path.with_suffix("") / "cluster.json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -228,8 +229,10 @@ def _errors_as_lines() -> Iterator[None]:
         raise typer.Exit(error.exit_code) from None
     except OSError as error:
         name = f"{error.filename}: " if error.filename else ""
-        typer.echo(f"testbed: {name}{error.strerror or error}", err=True)
-        raise typer.Exit(1) from None
+        is_typed = error.errno == errno.ENAMETOOLONG  # the testbed's own names are short
+        expected = "; expected a shorter path" if is_typed else ""
+        typer.echo(f"testbed: {name}{error.strerror or error}{expected}", err=True)
+        raise typer.Exit(UserError.exit_code if is_typed else 1) from None
 
 
 for live in (up, link, page, down):

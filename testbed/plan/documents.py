@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ import yaml
 from ..errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
+MOST_VALUES = 100_000
+"""The keys and values of a file, each as often as aliases repeat it: a short file could name billions."""
 
 
 def read_document(path: Path, schema_file: Path) -> dict[str, Any]:
@@ -57,11 +60,33 @@ _MERGE = "tag:yaml.org,2002:merge"
 
 
 class _Loader(yaml.SafeLoader):
-    """A YAML loader that rejects duplicate keys instead of taking the last; 1 and '1' are the same key."""
+    """A YAML loader that rejects duplicate keys instead of taking the last; 1 and '1' are the same key.
+
+    It counts what aliases repeat, and rejects more than MOST_VALUES.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._count = 0
+        self._counts: dict[str, int] = {}
+        """The keys and values behind each anchor."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        before = self._count
+        is_alias = isinstance(event, yaml.AliasEvent)
+        self._count += self._counts.get(event.anchor, 1) if is_alias else 1
+        if self._count > MOST_VALUES:
+            problem = f"more than {MOST_VALUES} keys and values, with those that aliases repeat"
+            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
+        node = super().compose_node(parent, index)
+        if not is_alias and event.anchor is not None:
+            self._counts[event.anchor] = self._count - before
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         keys = [str(self.construct_object(key, deep=True)) for key, _ in node.value if key.tag != _MERGE]
-        twice = next((key for number, key in enumerate(keys) if key in keys[:number]), None)
+        twice = next((key for key, times in Counter(keys).items() if times > 1), None)
         if twice is not None:
             raise yaml.constructor.ConstructorError(None, None, f"{twice!r} is there twice", node.start_mark)
         return super().construct_mapping(node, deep)

@@ -6,12 +6,12 @@ import platform
 import struct
 from pathlib import Path
 
-from testbed.plan.autopilots import KINDS, Kind
+from testbed.plan.autopilots import KINDS, AutopilotKind
 
 PX4 = KINDS["px4"]
 
 
-def make_folder(folder: Path, kind: Kind = PX4, machine: str = "") -> Path:
+def make_folder(folder: Path, kind: AutopilotKind = PX4, machine: str = "") -> Path:
     """Make a folder with an autopilot's files; its program is nothing but an ELF header."""
     numbers = {"x86_64": 62, "aarch64": 183}
     number = numbers[machine or platform.machine()]

@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Drone
-from mqttxt.core.mqtt.sn import packets
+from mqttxt.core.mqtt.sn import codec
 from mqttxt.core.mqtt.sn.packets import Message
 from mqttxt.core.mqtt.sn.topic_ids import TopicIds
 from tests.rigs.air import AirSystem
@@ -60,12 +60,12 @@ async def test_a_state_is_smaller_than_a_frame_of_mavlink_and_wireshark_reads_ev
         states = {
             topic: len(data) + HEADERS
             for way, data in system.air.seen
-            if way == UP and isinstance(packet := packets.decode(data), Message)
+            if way == UP and isinstance(packet := codec.decode(data), Message)
             if (topic := TopicIds().topic_of(packet.topic_id)) and "/state/" in topic
         }
         assert {"drone1/state/location", "drone1/state/battery", "drone1/state/heading"} <= states.keys()
         assert max(states.values()) <= MAVLINK_FRAME
-    assert shown(tmp_path, seen) == [packets.decode(data).KIND for data in seen]
+    assert shown(tmp_path, seen) == [codec.decode(data).KIND for data in seen]
 
 
 def shown(folder: Path, datagrams: list[bytes]) -> list[int]:

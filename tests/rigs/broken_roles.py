@@ -14,7 +14,7 @@ from typing import Any
 
 import mqttxt
 from mqttxt.activator import psmi
-from mqttxt.activator.command_relay import Relay
+from mqttxt.activator.command_relay import CommandRelay
 from mqttxt.activator.command_words import RelayWords
 from mqttxt.activator.drones import Drones
 from mqttxt.activator.leases import Leases
@@ -30,11 +30,11 @@ from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
 from mqttxt.core.ledger import Admission, Ledger
-from mqttxt.core.mqtt.sn import address_proof, air_client, client, packets
+from mqttxt.core.mqtt.sn import address_proof, air_client, client, codec, packets
 from mqttxt.core.mqtt.sn.air import _ToBroker
 from mqttxt.core.mqtt.sn.air_client import AirClient
 from mqttxt.core.mqtt.sn.client import SnClient
-from mqttxt.core.mqtt.sn.gateway import Gateway
+from mqttxt.core.mqtt.sn.gateway import AirGateway
 from mqttxt.core.mqtt.sn.own_topics import OwnTopics
 from mqttxt.core.mqtt.sn.sender import Receiver, Sender
 from mqttxt.core.mqtt.sn.together import Unpacker
@@ -255,19 +255,19 @@ def topics_stay_wanted(original: Any, self: Any, *arguments: Any) -> None:
     self.want_topics = self.want_topics or not self._leases
 
 
-@variant(Relay, "_audited")
+@variant(CommandRelay, "_audited")
 def activator_audits_nobody(original: Any, self: Any, *arguments: Any) -> Any:
     return replace(original(self, *arguments), who=None)
 
 
-@variant(Relay, "_publish_command")
+@variant(CommandRelay, "_publish_command")
 def activator_forwards_the_deadline(original: Any, self: Any, entry: Any, leg: Any, remaining_ms: int) -> Any:
     if leg.sent.deadline_ms > 0:
         leg.sent = replace(leg.sent, deadline_ms=entry.record.deadline_ms)
     return original(self, entry, leg, remaining_ms)
 
 
-@variant(Relay, "_publish_command")
+@variant(CommandRelay, "_publish_command")
 def activator_copies_the_expiry(original: Any, self: Any, *arguments: Any) -> Any:
     return replace(original(self, *arguments), expiry_s=3600)
 
@@ -428,7 +428,7 @@ def air_uav_takes_repetitions(original: Any, self: Any, msg_id: int) -> bool:
     return original(self, msg_id) or self.is_last(msg_id)
 
 
-@variant(packets, "encode", "air-activator-marks-no-repetition")
+@variant(codec, "encode", "air-activator-marks-no-repetition")
 def air_uav_marks_no_repetition(original: Any, packet: Any) -> bytes:
     return original(replace(packet, dup=False) if hasattr(packet, "dup") else packet)
 
@@ -455,7 +455,7 @@ def air_uav_forgets_pieces(original: Any, self: Any, piece: bytes) -> Any:
     return original(self, piece)
 
 
-@variant(Gateway, "_on_connect")
+@variant(AirGateway, "_on_connect")
 def air_activator_lets_newcomers_in(original: Any, self: Any, packet: Any, *more: Any) -> Any:
     rivals = [known for known in self._at.values() if known.client_id == packet.client_id]
     for rival in rivals:
@@ -471,11 +471,11 @@ def air_activator_keeps_the_will(original: Any, self: Any, client_id: str, will:
     return original(self, client_id, None)
 
 
-@variant(Gateway, "received")
+@variant(AirGateway, "received")
 def air_activator_says_nothing_to_strangers(
     original: Any, self: Any, datagram: bytes, address: Any, now_s: float
 ) -> Any:
-    if address in self._at or isinstance(packets.decode(datagram), packets.Connect):
+    if address in self._at or isinstance(codec.decode(datagram), packets.Connect):
         return original(self, datagram, address, now_s)
     return None
 

@@ -12,9 +12,9 @@ from mqttxt.activator.drones import FOG
 from mqttxt.core.effects import Inbound, Publish, Subscribe, Unsubscribe, Will
 from mqttxt.core.mqtt.sn.air_client import AirClient
 from mqttxt.core.mqtt.sn.client import SnClient
-from mqttxt.core.mqtt.sn.gateway import Gateway
+from mqttxt.core.mqtt.sn.gateway import AirGateway
 from mqttxt.core.mqtt.sn.packets import CONGESTION
-from mqttxt.core.mqtt.sn.together import Told
+from mqttxt.core.mqtt.sn.together import AirMessage
 from mqttxt.core.mqtt.sn.topic_ids import TopicIds
 from tests.simulation.adversary import Dangers, Simulation
 from tests.simulation.drone_node import DroneNode
@@ -191,7 +191,7 @@ class _ToBroker(Client):
     def open(self, client_id: str, will: Will | None) -> None:
         self.sim.events.after(2 * MS, self._open, will)
 
-    def publish(self, told: Told, ref: Hashable) -> None:
+    def publish(self, told: AirMessage, ref: Hashable) -> None:
         read_us = self.sim.read_us.get((told.topic, told.payload), self.sim.events.now_us)
         if self.connection is not None:
             self.connection.publish(Publish(FOG, told.topic, told.payload, told.qos, told.retain, ref=ref), read_us)
@@ -252,7 +252,7 @@ class AirSimulation(Simulation):
     def make_broker(self) -> Broker:
         """Make the activator's state machines along with the brokers, before the drones."""
         self.machine = Weather(self.rng)
-        self.gateway = Gateway(TopicIds(), self._to_drone, lambda client: _ToBroker(self, client), self._count)
+        self.gateway = AirGateway(TopicIds(), self._to_drone, lambda client: _ToBroker(self, client), self._count)
         self.alarm = Alarm(
             *(self, lambda: self.gateway.due_s(), lambda: self.gateway.tick(self.now_s)),
             lambda: self.activator.stalled_until_us,

@@ -7,12 +7,12 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 
 from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
-from mqttxt.core.mqtt.sn import packets
+from mqttxt.core.mqtt.sn import codec
 from mqttxt.core.mqtt.sn.air_client import AirClient
 from mqttxt.core.mqtt.sn.client import SnClient
-from mqttxt.core.mqtt.sn.gateway import Gateway
+from mqttxt.core.mqtt.sn.gateway import AirGateway
 from mqttxt.core.mqtt.sn.packets import Packet
-from mqttxt.core.mqtt.sn.together import Told
+from mqttxt.core.mqtt.sn.together import AirMessage
 from mqttxt.core.mqtt.sn.topic_ids import TopicIds
 
 GATEWAY = ("gateway", 1883)
@@ -36,7 +36,7 @@ class BrokerSide:
     client: Callable[[], AirClient]
     bench: AirBench
     will: Will | None = None
-    published: list[Told] = field(default_factory=list)
+    published: list[AirMessage] = field(default_factory=list)
     subscribed: list[tuple[str, bool]] = field(default_factory=list)
     closed: list[bool] = field(default_factory=list)
     """For each closing, whether it was with the will."""
@@ -47,7 +47,7 @@ class BrokerSide:
         if self.bench.broker_answers:
             self.client().on_opened(self.bench.broker_code, self.bench.now_s)
 
-    def publish(self, told: Told, ref: Hashable) -> None:
+    def publish(self, told: AirMessage, ref: Hashable) -> None:
         self.published.append(told)
         if ref is not None and self.bench.broker_answers:
             self.client().on_published(ref, self.bench.puback_code)
@@ -81,7 +81,7 @@ class AirBench:
         self.lists_read = 0
         self.newer_list: bytes | None = None
         """A revocation list that the activator does not have."""
-        self.gateway = Gateway(
+        self.gateway = AirGateway(
             *(TopicIds(), self._to_client, self._side, lambda kind, detail: self.counted.append(kind)),
             self._is_newer_list,
         )
@@ -113,7 +113,7 @@ class AirBench:
     def says(self, packet: Packet, port: Port = ("stranger", 9)) -> list[Packet]:
         """The gateway's answers to a packet from `port`."""
         before = len(self.sent)
-        self.gateway.received(packets.encode(packet), port, self.now_s)
+        self.gateway.received(codec.encode(packet), port, self.now_s)
         return [sent for to, sent in self.sent[before:] if to == port]
 
     def to_gateway(self, kind: type[Packet]) -> list[Packet]:
@@ -123,13 +123,13 @@ class AirBench:
         return [packet for to, packet in self.sent if to != GATEWAY and isinstance(packet, kind)]
 
     def from_client(self, datagram: bytes, port: Port) -> None:
-        packet = packets.decode(datagram)
+        packet = codec.decode(datagram)
         self.sent.append((GATEWAY, packet))
         if not self.lose(GATEWAY, packet):
             self._carry(lambda: self.gateway.received(datagram, port, self.now_s))
 
     def _to_client(self, datagram: bytes, address: Port) -> None:
-        packet = packets.decode(datagram)
+        packet = codec.decode(datagram)
         self.sent.append((address, packet))
         if address in self.clients and not self.lose(address, packet):
             self._carry(lambda: self.clients[address].machine.received(datagram, self.now_s))

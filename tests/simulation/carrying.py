@@ -9,9 +9,11 @@ from typing import Any
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.leases import Leases
+from mqttxt.activator.part import Site
 from mqttxt.activator.sensor_relay import Carried, SensorRelay
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
+from mqttxt.core.session_owners import SessionOwners
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
 from mqttxt.drone.sensors.carrier import SENSORS, Carrier
@@ -69,7 +71,9 @@ class Way:
 
     def restart_activator(self) -> None:
         self.leases = Leases()
-        self.relay = SensorRelay(Channel("fog", "", Settings()), CloudSide(1), FogSide(), self.leases)
+        to_cloud, to_fog = Channel(CLOUD, "", Settings()), Channel(FOG, "", Settings())
+        owners = SessionOwners(self.leases.names)
+        self.relay = SensorRelay(Site(1, to_cloud, to_fog, CloudSide(1), FogSide(), self.leases, owners))
         self.register()
         self.to_cloud.clear()
         self.to_drone.clear()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from mqttxt.core.mqtt.sn import codec
 from mqttxt.core.mqtt.sn.packets import PREDEFINED, Message
 from mqttxt.core.mqtt.sn.sender import Receiver
-from mqttxt.core.mqtt.sn.together import Told, Unpacker, pack
+from mqttxt.core.mqtt.sn.together import AirMessage, Unpacker, pack
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds
 
 from .mqtt import Direction, Packet
@@ -75,7 +75,7 @@ def _read(datagram: Datagram, flow: _Flow, found: Direction) -> None:
         flow.last = packet.msg_id, range(first, len(found.packets))
 
 
-def _told(packet: Message, flow: _Flow) -> list[Told]:
+def _told(packet: Message, flow: _Flow) -> list[AirMessage]:
     """The messages that end in a PUBLISH; none if its topic is not predefined."""
     if packet.topic_id == TOGETHER and packet.id_type == PREDEFINED:
         try:
@@ -83,7 +83,7 @@ def _told(packet: Message, flow: _Flow) -> list[Told]:
         except ValueError:
             return []
     topic = IDS.topic_of(packet.topic_id) if packet.id_type == PREDEFINED else None
-    return [Told(topic, packet.payload, packet.qos, packet.retain)] if topic is not None else []
+    return [AirMessage(topic, packet.payload, packet.qos, packet.retain)] if topic is not None else []
 
 
 def _again(datagram: Datagram, packet: Message, flow: _Flow, found: Direction) -> None:

@@ -12,13 +12,13 @@ from typing import Any
 from testbed.numbers import words
 from testbed.numbers.observed import Loss, observe_attempt
 from testbed.numbers.quantities import COMMAND_BYTES, COMMANDS_LOST, STATES_LOST
-from testbed.numbers.quantity import Figure, Share
+from testbed.numbers.quantity import QuantityFigure, Share
 from testbed.plan import wording
 from testbed.present.report.comparison import completed
 from testbed.present.summary.cells import SIDES, Cell
 from testbed.present.summary.claims import claims
 from testbed.present.summary.kinds import HEADINGS, rows_of
-from testbed.present.summary.numbers import Pair, numbers_of
+from testbed.present.summary.numbers import TextPair, numbers_of
 from testbed.present.summary.traffic import Bytes, bytes_of
 
 PX4 = "thesis"
@@ -52,7 +52,7 @@ class Findings:
     def both(self, arm: str, profile: str, column: str, experiment: str = "scenario-1") -> tuple[str, str]:
         """A column of MQTT-XT and of MAVLink."""
         pair = numbers_of(self.cell(arm, profile, experiment)).texts[column]
-        assert isinstance(pair, Pair)
+        assert isinstance(pair, TextPair)
         return pair.mqttxt, pair.mavlink
 
     def one(self, arm: str, profile: str, column: str, experiment: str = "scenario-1") -> str:
@@ -78,16 +78,16 @@ class Findings:
         return median(one["purposes"][name][unit] for one in completed(side))
 
 
-def lost_of(quantity: Share, attempts: Iterable[dict[str, Any]]) -> Figure:
+def lost_of(quantity: Share, attempts: Iterable[dict[str, Any]]) -> QuantityFigure:
     """What these attempts lost together, failed ones too."""
     return quantity.together([observe_attempt(one) for one in attempts])
 
 
-def _none(lost: Figure) -> int | str:
+def _none(lost: QuantityFigure) -> int | str:
     return (lost.loss.lost if lost.loss else 0) or "none"
 
 
-def _known(lost: Figure) -> str:
+def _known(lost: QuantityFigure) -> str:
     return f"{lost.loss.known:,}" if lost.loss else ""
 
 
@@ -262,14 +262,14 @@ def _message_set(found: Findings) -> Iterator[list[str]]:
     calls = [sets["mavlink"][name] for name in commands]
     asked, received = (sum(kind[count] for kind in calls) for count in ("asked", "received"))
     first, last = (sets["mavlink"][name] for name in ("flight_mode", "groundspeed"))
-    speeds = Figure.of_loss(Loss(last["lost"], last["sent"] - last["open"])).brief
+    speeds = QuantityFigure.of_loss(Loss(last["lost"], last["sent"] - last["open"])).brief
     all_ = sum((Loss(kind["lost"], kind["sent"] - kind["open"]) for kind in sets["mqttxt"].values()), Loss(0, 0))
     delays = [getattr(rows["location"]["delay"], side) for side in SIDES]
     calls_lost = [f"{asked} calls", wording.in_words(asked - received)]
     yield [*delays, *calls_lost, str(first["lost"] or "none"), speeds, str(all_.lost or "none"), f"{all_.known:,}"]
 
 
-def _span(ratios: Iterable[str | Pair]) -> str:
+def _span(ratios: Iterable[str | TextPair]) -> str:
     """'0.65 to 0.98'."""
     ordered = sorted((str(ratio) for ratio in ratios), key=float)
     return f"{ordered[0]} to {ordered[-1]}"

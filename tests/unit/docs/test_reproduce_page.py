@@ -6,16 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-from testbed.numbers.reproduction import JUDGED, Judged
-from testbed.plan.headline import Line, read_headline
+from testbed.numbers.reproduction import JUDGED, JudgedLine
+from testbed.plan.headline import HeadlineLine, read_headline
 from testbed.present.reproduction import figure_of, name_of
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE, FOUND = DOCS / "reproduce.md", DOCS / "findings" / "reproduction.json"
 
 
-def _row(line: Line, found: dict[str, Any]) -> str:
-    judged = Judged(line, JUDGED[line.quantity], {}, (), None)
+def _row(line: HeadlineLine, found: dict[str, Any]) -> str:
+    judged = JudgedLine(line, JUDGED[line.quantity], {}, (), None)
     assert (found["quantity"], found["of"]) == (line.quantity, line.of)
     published, low, high = (figure_of(judged, value) for value in (found["expected"], *found["margin"]))
     between = "–"

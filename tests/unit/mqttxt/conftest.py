@@ -1,4 +1,4 @@
-"""A disk that a test can fill, a gateway's desk with its tasks and a client, a fleet, and a fog that signs."""
+"""A disk that a test can fill, a gateway's desk with its tasks and a client, an air leg, a fleet, a fog that signs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from mqttxt.gateway.clients import Client
 from mqttxt.security.authority import Authority
 from tests.rigs.small_disk import SmallDisk
+from tests.simulation.air_bench import AirBench, BenchClient
 from tests.simulation.desk import Bench
 from tests.simulation.signed import signed_world
 from tests.simulation.world import World
@@ -43,6 +44,18 @@ def bench(group: asyncio.TaskGroup) -> Bench:
 def client(bench: Bench) -> Client:
     """A client of the desk, which has sent a HEARTBEAT."""
     return bench.client()
+
+
+@pytest.fixture
+def air() -> AirBench:
+    """Both ends of an air leg by datagrams."""
+    return AirBench()
+
+
+@pytest.fixture
+def uav(air: AirBench) -> BenchClient:
+    """A UAV client that is connected to its gateway by datagrams."""
+    return air.up()
 
 
 @pytest.fixture

@@ -285,6 +285,12 @@ def test_a_file_that_is_not_there_is_one_line_with_exit_code_2(tmp_path: Path) -
     assert verify(tmp_path)[0] == 2
 
 
+def test_a_name_with_more_digits_than_a_line_has_is_one_line(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["audit", "verify", str(tmp_path / f"a.{'9' * 5000}")])
+    assert done.exit_code == 2
+    assert done.output.endswith(": File name too long; expected an audit log\n")
+
+
 def test_several_logs_are_verified_by_themselves(tmp_path: Path) -> None:
     first, second = written(tmp_path / "a"), written(tmp_path / "b", node="drone1")
     second.write_bytes(second.read_bytes().replace(b"gs-g", b"gs-x", 1))

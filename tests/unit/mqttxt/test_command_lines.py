@@ -117,6 +117,10 @@ ADVICE = "not encrypted; expected mqtts:// with --identity, or --insecure"
         ),
         ("activator --fog 1 --cloud mqtt://127.0.0.1 --listen x", "--listen 'x': expected HOST:PORT"),
         (
+            "activator --fog 1 --cloud mqtt://127.0.0.1 --insecure --listen a/b:1",
+            "--listen 'a/b:1': expected HOST:PORT",
+        ),
+        (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --fog-broker mqtt://127.0.0.1:1 --listen 127.0.0.1:2",
             "--listen 127.0.0.1:2: expected none beside --fog-broker",
         ),
@@ -177,7 +181,7 @@ ADVICE = "not encrypted; expected mqtts:// with --identity, or --insecure"
         ),
         ("gs params load /nope.params --drone 1", "No such file or directory; expected a file that can be read"),
         ("gs params set 'A B' 1 --drone 1", "set_parameter parameter 'A B': expected ASCII letters"),
-        ("gs logs get 1 / --drone 1", "/: expected a file in a folder that exists"),
+        ("gs logs get 1 / --drone 1", "/: is a folder; expected a file in a folder that exists"),
     ],
 )
 def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(typed: str, said: str) -> None:
@@ -233,7 +237,7 @@ def test_no_control_is_taken_for_a_time_that_no_command_can_have(
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        ("--journal", "is a folder; expected a file"),
+        ("--journal", "cannot be written: is a folder; expected a file"),
         ("--audit", "cannot be written: Is a directory; expected a file"),
         ("--parameter-ranges", "Is a directory; expected a file that can be read"),
     ],

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from mqttxt.errors import ConfigurationError
 from mqttxt_conformance.subject import Subject
 
 SAYS = "import sys; print('starting', file=sys.stderr); print('mqttxt: --drone 0: expected 1', file=sys.stderr)"
@@ -88,3 +89,11 @@ async def test_what_is_stopped_stands_still_and_goes_on(tmp_path: Path) -> None:
         assert not flag.exists()
     assert await found.ended() == 0
     assert flag.exists()
+
+
+@pytest.mark.parametrize(
+    "named", ["drone.x", "drone[x]", "drone!r", "drone:99999999999", "drone.__class__", "0", "", "nope"]
+)
+def test_braces_with_anything_but_a_name_are_one_line(named: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"^--run '.*': .*; expected a command line, with \{drone\}$"):
+        Subject("uav {" + named + "}", {"drone": "1"})

@@ -138,7 +138,7 @@ def test_a_uav_client_is_a_ground_station_to_its_autopilot_only_inside_the_lease
 
 def test_a_command_of_a_lower_epoch_than_the_lease_is_refused() -> None:
     uav = client()
-    hand_down(uav, epoch=2, holder_session=7, deadline_ms=9000)
+    hand_down(uav, epoch=2, holder_session=GS_SESSION, deadline_ms=9000)
     (publish,) = published(hear(uav, command_payload(Arm(), epoch=1)), "drone1/commands_result/arm")
     assert b"not_in_control" in publish.payload
     assert any(isinstance(e, Transmit) for e in hear(uav, command_payload(Arm(), seq=2, epoch=2)))
@@ -149,7 +149,7 @@ def test_an_old_lease_of_the_same_activator_changes_nothing_and_a_new_activator_
     hand_down(uav, epoch=2, holder_session=7, deadline_ms=9000)
     hand_down(uav, epoch=1, holder_session=6, deadline_ms=90_000)
     assert not uav.is_controlled(9001)
-    hand_down(uav, epoch=0, activator_session=6, holder_session=7, deadline_ms=9500)
+    hand_down(uav, epoch=0, activator_session=6, holder_session=GS_SESSION, deadline_ms=9500)
     assert uav.is_controlled(9400)
     assert any(isinstance(e, Transmit) for e in hear(uav, command_payload(Arm(), epoch=0)))
 

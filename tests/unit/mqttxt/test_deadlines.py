@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mqttxt.activator import selector
-from mqttxt.activator.command_relay import Relay
+from mqttxt.activator.command_relay import CommandRelay
 from mqttxt.core import clock as clocks
 from mqttxt.core.ledger import Admission, Ledger
 from mqttxt.drone.acknowledgements import Acknowledgements
@@ -125,14 +125,14 @@ def _the_clock_is_where_the_middle_of_the_round_trip_was(patch: pytest.MonkeyPat
 
 def _a_relay_starts_the_time_anew(patch: pytest.MonkeyPatch) -> None:
     deadline_ms = clocks.RemoteClock.deadline_ms
-    forward = Relay.forward
+    forward = CommandRelay.forward
 
     def fresh(self: Any, entry: Any, drone: int, now_ms: int) -> Any:
         with pytest.MonkeyPatch.context() as inner:
             inner.setattr(clocks.RemoteClock, "deadline_ms", lambda c, now, ttl: deadline_ms(c, now, max(ttl, 600)))
             return forward(self, entry, drone, now_ms)
 
-    patch.setattr(Relay, "forward", fresh)
+    patch.setattr(CommandRelay, "forward", fresh)
 
 
 def _no_duplicates_in_the_ledger(patch: pytest.MonkeyPatch) -> None:
@@ -169,7 +169,7 @@ def _every_word_is_passed_on(patch: pytest.MonkeyPatch) -> None:
 
 def _nobody_closes_what_stays_unanswered(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(StationCommands, "_give_up", lambda self, pending, now_ms: [])
-    patch.setattr(Relay, "tick", lambda self, now_ms: [])
+    patch.setattr(CommandRelay, "tick", lambda self, now_ms: [])
 
 
 def _a_margin_ten_times_too_large(patch: pytest.MonkeyPatch) -> None:

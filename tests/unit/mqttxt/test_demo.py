@@ -15,7 +15,7 @@ from mqttxt.cli.main import app
 from mqttxt.core import mosquitto
 from mqttxt.demo import parts, ports
 from mqttxt.demo.fleet import DRONES, fleet_file
-from mqttxt.demo.parts import Part
+from mqttxt.demo.parts import DemoProcess
 from mqttxt.demo.process import Demo
 from mqttxt.errors import PartEnded
 from sitl.fleet import load
@@ -133,7 +133,7 @@ async def test_a_part_is_ended_with_what_it_started_though_neither_listens(
 ) -> None:
     monkeypatch.setattr(parts, "END_S", 0.05)
     child = "trap '' TERM; echo $$ > child; while :; do sleep 600; done"
-    part = Part(
+    part = DemoProcess(
         "a part", [script(tmp_path, f"trap '' TERM; sh -c \"{child}\" & wait; wait".replace("$$", r"\$\$"))], print
     )
     await part.start(tmp_path)
@@ -146,7 +146,9 @@ async def test_a_part_is_ended_with_what_it_started_though_neither_listens(
 
 async def test_the_last_words_of_a_part_are_its_newest_lines(tmp_path: Path) -> None:
     heard: list[str] = []
-    part = Part("a part", [script(tmp_path, "for i in 1 2 3 4 5 6 7; do echo line $i >&2; done; exit 3")], heard.append)
+    part = DemoProcess(
+        "a part", [script(tmp_path, "for i in 1 2 3 4 5 6 7; do echo line $i >&2; done; exit 3")], heard.append
+    )
     await part.start(tmp_path)
     await part.ended
     assert heard == [f"line {number}" for number in range(1, 8)]
@@ -157,3 +159,15 @@ async def test_the_last_words_of_a_part_are_its_newest_lines(tmp_path: Path) -> 
 def script(folder: Path, lines: str) -> str:
     """A program of these lines of shell."""
     return str(made(folder, f"#!/bin/sh\n{lines}\n"))
+
+
+async def test_a_part_has_no_options_of_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Exported for another station, they would give the page an identity and signatures that the demo lacks."""
+    monkeypatch.setenv("MQTTXT_IDENTITY", "elsewhere")
+    monkeypatch.setenv("MQTTXT_SIGNED", "1")
+    lines: list[str] = []
+    program = "import os; print([name for name in os.environ if name.startswith('MQTTXT_')])"
+    part = DemoProcess("it", (sys.executable, "-c", program), lines.append)
+    await part.start(tmp_path)
+    await part.ended
+    assert lines == ["[]"]

@@ -21,6 +21,7 @@ from mqttxt.drone.journal import MOST_DELIVERED, MOST_OUTDATED, JournalFile
 from mqttxt.protocol.messages import CommandId, Word
 from tests.rigs.faulty_disk import FaultyDisk
 from tests.rigs.small_disk import SmallDisk
+from tests.unit.mqttxt.test_journal import make_whole
 
 
 def opened(seq: int) -> Journal:
@@ -79,8 +80,7 @@ def test_a_last_word_that_a_full_disk_did_not_take_is_written_with_the_next_reco
 def test_a_client_is_started_on_a_full_disk_and_records_once_there_is_room(disk: SmallDisk, was_there: bool) -> None:
     path = disk.folder / "journal"
     if was_there:
-        path.touch()
-        before = JournalFile(path)
+        before = JournalFile(make_whole(path))
         before.record(opened(1))
         before.close()
     disk.fill(to_the_brim=True)

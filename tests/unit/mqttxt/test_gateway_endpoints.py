@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.errors import ConfigurationError
+from mqttxt.gateway import endpoints
 from mqttxt.gateway.endpoints import MOST_CONNECTIONS, ClientAddress, Endpoints, Peer
 from mqttxt.gateway.texts import send_text
 from mqttxt.protocol.states import Severity
@@ -158,6 +159,31 @@ async def test_too_many_connections_are_refused(heard: Heard, port: int) -> None
     for _, one in (*opened, (reader, writer)):
         one.transport.abort()
     await eventually(lambda: not heard.endpoints.peers, "all gone")
+
+
+@pytest.mark.parametrize("speaks", [False, True])
+async def test_who_says_nothing_makes_room_for_who_comes(
+    heard: Heard, port: int, monkeypatch: pytest.MonkeyPatch, speaks: bool
+) -> None:
+    opened = []
+    for number in range(MOST_CONNECTIONS):
+        opened.append(await asyncio.open_connection("127.0.0.1", port))
+        await eventually(lambda so_far=number: len(heard.endpoints.peers) > so_far, "connected")
+    names = [peer.name for peer in heard.endpoints.peers]
+    for _, writer in opened if speaks else opened[:2]:
+        writer.write(HEARTBEAT)
+    await eventually(lambda: len(heard.messages) == (MOST_CONNECTIONS if speaks else 2), "who speaks")
+    monkeypatch.setattr(endpoints, "SILENT_S", 0.0)
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    if speaks:
+        with contextlib.suppress(ConnectionError):
+            assert await reader.read(1) == b""
+    else:
+        writer.write(HEARTBEAT)
+        await eventually(lambda: len(heard.messages) == 3, "the new one")
+    assert heard.gone == ([] if speaks else [names[2]])
+    for _, one in (*opened, (reader, writer)):
+        one.transport.abort()
 
 
 async def test_an_address_that_is_taken_is_one_line() -> None:

@@ -38,7 +38,7 @@ from mqttxt import (
     VelocityNed,
     Word,
 )
-from mqttxt.gateway import process
+from mqttxt.gateway import standstill
 from mqttxt.gateway.endpoints import ClientAddress
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.process import SILENT_MS, Gateway
@@ -350,7 +350,7 @@ async def test_what_waited_while_the_machine_was_suspended_is_not_executed(
     suspend(monkeypatch, 2)
     await until(lambda: client.of("COMMAND_ACK"))
     assert (client.of("COMMAND_ACK")[0].result, drone.commands) == (mavlink.MAV_RESULT_TEMPORARILY_REJECTED, [])
-    await asyncio.sleep(2 * process.DRAINING_MS / 1000)
+    await asyncio.sleep(2 * standstill.DRAINING_MS / 1000)
     client.say(LAND)
     await until(lambda: [text for text in client.of("STATUSTEXT") if text.text.startswith("no HEARTBEAT")])
     assert drone.commands == [], "the HEARTBEAT of then does not count"
@@ -359,7 +359,7 @@ async def test_what_waited_while_the_machine_was_suspended_is_not_executed(
 
 
 async def test_as_long_as_much_is_read_at_once_it_is_what_waited(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process, "DRAINING_MS", 400)
+    monkeypatch.setattr(standstill, "DRAINING_MS", 400)
     drone, client = bench.commanded(), await bench.client()
     suspend(monkeypatch, 2)
     await flood(client)
@@ -369,8 +369,8 @@ async def test_as_long_as_much_is_read_at_once_it_is_what_waited(bench: Bench, m
 
 
 async def test_draining_ends_however_many_messages_arrive(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process, "DRAINING_MS", 200)
-    monkeypatch.setattr(process, "LONGEST_DRAINING_MS", 200)
+    monkeypatch.setattr(standstill, "DRAINING_MS", 200)
+    monkeypatch.setattr(standstill, "LONGEST_DRAINING_MS", 200)
     drone, client = bench.commanded(), await bench.client()
     suspend(monkeypatch, 2)
     await flood(client)
@@ -383,7 +383,7 @@ async def test_the_time_in_which_a_command_waited_while_the_machine_was_suspende
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """R4.1: the gateway's clock goes on, that of the event loop does not."""
-    monkeypatch.setattr(process, "DRAINING_MS", 0)
+    monkeypatch.setattr(standstill, "DRAINING_MS", 0)
     drone, client = bench.commanded(), await bench.client()
     client.say(LAND)
     await asyncio.sleep(0.1)

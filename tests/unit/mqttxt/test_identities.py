@@ -24,6 +24,7 @@ from mqttxt.security.fleet import Fleet
 from mqttxt.security.identity import Identity, read_certificate
 from mqttxt.security.names import Kind, NodeName
 from mqttxt.security.rights import Rights, command_right, parse_numbers, write_numbers
+from mqttxt.security.signed_by_authority import BACKDATED
 from mqttxt.security.trusted_time import TrustedTime
 from tests.simulation.fleet_of_keys import CLIENT, SERVER, certificate_der
 
@@ -122,7 +123,7 @@ def test_a_certificate_says_who_and_what(acme: Authority) -> None:
     identity = Identity.load(acme.issue("gs-ops", OPS, 90))
     found = identity.certificate
     assert (found.name, found.fleet, found.rights) == ("gs-ops", "acme", OPS)
-    assert found.not_after_s - found.not_before_s == 90 * DAY_S
+    assert found.not_after_s - found.not_before_s == BACKDATED.total_seconds() + 90 * DAY_S
     assert found.not_before_s <= now_s() - 299
     assert Certificate.from_der(found.der) == found
     found.public_key.verify(identity.sign(b"land"), b"land")
@@ -511,7 +512,7 @@ def test_renewal_has_a_new_key_and_the_old_rights(acme: Authority) -> None:
     new = Identity.load(acme.renew("gs-ops"))
     assert new.certificate.rights == OPS
     assert new.certificate.public_key != old.certificate.public_key
-    assert new.certificate.not_after_s - new.certificate.not_before_s == 90 * DAY_S
+    assert new.certificate.not_after_s - new.certificate.not_before_s == BACKDATED.total_seconds() + 90 * DAY_S
     assert [acme.fleet.verify(each.certificate, now_s()) for each in (old, new)] == [None, None]
     assert acme.revoke("gs-ops", only_old=True) == 1
     assert [acme.fleet.verify(each.certificate, now_s()) for each in (old, new)] == ["revoked", None]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import socket
 from contextlib import closing
 from pathlib import Path
 
@@ -12,17 +14,22 @@ from mqttxt.core.address import BrokerAddress
 from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal
 from mqttxt.drone.journal import ASKED_FOR_S, GAP_NOTED_S, MOST_DELIVERED, JournalFile
+from mqttxt.drone.journal_lines import gap_line
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.messages import CommandId, Word
 
 OPEN, SAID, DONE = CommandId(1, 1), CommandId(1, 2), CommandId(1, 3)
 
 
-def _whole(path: Path) -> JournalFile:
-    """A journal in which nothing of before is missing."""
+def make_whole(path: Path) -> Path:
+    """Write a journal without records in which nothing of before is missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.touch()
-    return JournalFile(path)
+    path.write_bytes(gap_line(ASKED_FOR_S))
+    return path
+
+
+def _whole(path: Path) -> JournalFile:
+    return JournalFile(make_whole(path))
 
 
 def _fill(path: Path) -> None:
@@ -51,7 +58,7 @@ def test_open_ids_and_last_words_come_back_and_which_of_them_were_heard(tmp_path
     ]
     for _ in range(2):  # the file is made small at each start, and still says the same
         assert started(path).unfinished == expected
-    assert len(path.read_text().splitlines()) == 3
+    assert len(path.read_text().splitlines()) == 4
 
 
 @pytest.mark.long
@@ -84,8 +91,8 @@ def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path:
     """Of an id that is not found nobody can say any more that it was not started."""
     path = tmp_path / "journal"
     _fill(path)
-    first, *others = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b"".join([first[:9] + b"\x00" + first[10:], *others]))
+    gap, first, *others = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([gap, first[:9] + b"\x00" + first[10:], *others]))
     for _ in range(3):  # the file is written anew at each start, and nobody knows more then
         journal = started(path)
         assert [left.id for left in journal.unfinished] == [SAID, DONE]
@@ -157,10 +164,99 @@ def test_an_id_whose_last_word_cannot_be_read_stays_known_over_restarts(tmp_path
     journal.record(Journal(DONE, "takeoff", Word.FAILED))
     journal.record(Journal(DONE, "takeoff", done=True))
     journal.close()
-    opened, said, done = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b"".join([opened, b"\x00" + said, done]))
+    first, opened, said, done = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([first, opened, b"\x00" + said, done]))
     for _ in range(3):
         assert started(path).unfinished == [Unfinished(DONE, "takeoff", delivered=True)]
+
+
+RECORD = b'{"gs_session": 1, "seq": 1, "command": "arm", "word": null, "reason": null, "done": false}\n'
+
+
+@pytest.mark.parametrize("left", [b"", b"\x00" * 300, RECORD[:40], b"{", RECORD[:40] + b"\xff\n" + RECORD[:30]])
+def test_a_journal_that_lost_its_records_may_have_had_any_id(tmp_path: Path, left: bytes) -> None:
+    """As after a power loss: a client writes no journal without a whole line."""
+    path = tmp_path / "journal"
+    path.write_bytes(left)
+    for _ in range(3):
+        journal = started(path)
+        assert (journal.unfinished, journal.has_gap) == ([], True)
+
+
+def test_a_journal_is_never_empty_even_without_records(tmp_path: Path) -> None:
+    path = make_whole(tmp_path / "journal")
+    for with_front in (False, True, False):
+        assert not started(path, with_front=with_front).has_gap
+        assert path.read_bytes() == gap_line(ASKED_FOR_S)
+
+
+@pytest.mark.parametrize("cut", [0, 1, 30])
+def test_the_journal_of_an_earlier_version_is_whole_without_a_gaps_age(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(RECORD + RECORD.replace(b'"seq": 1', b'"seq": 2')[: -cut or None])
+    journal = started(path)
+    assert not journal.has_gap
+    assert [left.id.seq for left in journal.unfinished] == ([1, 2] if cut < 2 else [1])
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        b"milk\nbread\n",
+        b"milk",
+        b'{"fileType": "Plan"}',
+        b"\n",
+        b"\xff\xd8\xff\xe0\x00\x10JFIF\n",
+        b"\x00{}",
+        b"[1]\n5\n",
+    ],
+)
+def test_a_file_that_is_no_journal_is_left_as_it_is(tmp_path: Path, foreign: bytes) -> None:
+    path = tmp_path / "notes"
+    path.write_bytes(foreign)
+    with pytest.raises(
+        ConfigurationError, match=r"^--journal .*notes: no line of a journal in it; expected a journal, or"
+    ):
+        JournalFile(path)
+    assert path.read_bytes() == foreign
+    assert [each.name for each in tmp_path.iterdir()] == ["notes"]
+
+
+def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "to_pipe").symlink_to("pipe")
+    with socket.socket(socket.AF_UNIX) as there:
+        there.bind(str(tmp_path / "socket"))
+    (tmp_path / "loop").symlink_to("loop")
+    for name, why in (
+        ("pipe", "not a regular file"),
+        ("to_pipe", "not a regular file"),
+        ("socket", "not a regular file"),
+        ("loop", "Too many levels of symbolic links"),
+        ("x" * 256, "File name too long"),
+    ):
+        with pytest.raises(ConfigurationError) as refused:
+            JournalFile(tmp_path / name)
+        assert str(refused.value) == f"--journal {tmp_path / name}: cannot be written: {why}; expected a file"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["loop", "pipe", "socket", "to_pipe"]
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "socket").is_socket()
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_symbolic_link_stays_one_and_the_journal_is_where_it_leads(tmp_path: Path, is_there: bool) -> None:
+    disk, link = tmp_path / "disk", tmp_path / "journal"
+    if is_there:
+        _fill(disk / "journal")
+    link.symlink_to("disk/journal")
+    journal = JournalFile(link)
+    assert len(journal.unfinished) == (3 if is_there else 0)
+    with pytest.raises(ConfigurationError, match="another process has it"):
+        JournalFile(disk / "journal")
+    journal.record(Journal(CommandId(2, 1), "land"))
+    journal.close()
+    assert link.is_symlink()
+    assert Unfinished(CommandId(2, 1), "land") in started(disk / "journal").unfinished
 
 
 def test_a_journal_that_another_process_has_is_left_alone(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.journal_keeper import JournalKeeper
 from mqttxt.protocol.messages import CommandId, Word
 from tests.rigs.processes import eventually
-from tests.unit.mqttxt.test_journal import started
+from tests.unit.mqttxt.test_journal import make_whole, started
 
 
 class Disk:
@@ -54,8 +54,7 @@ class Client:
         self.path = path
         self.opened: list[tuple[int, bool]] = []
         self.errors: list[str] = []
-        path.touch()
-        self.journal = JournalFile(path, with_front=True)
+        self.journal = JournalFile(make_whole(path), with_front=True)
         self.front = self.journal.front
         self._keeper = JournalKeeper(
             self.journal,

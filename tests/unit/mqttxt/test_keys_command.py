@@ -14,6 +14,7 @@ from mqttxt.security.certificate import Certificate
 from mqttxt.security.identity import Identity, read_certificate
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
+from mqttxt.security.signed_by_authority import BACKDATED
 from tests.unit.mqttxt.typed import refused, typed
 
 THREE_COMMANDS = ("keys", "init", "acme", "--fogs", "1", "--drones", "1-2", "--station", "ops")
@@ -265,3 +266,63 @@ def test_two_fleets_need_a_choice(here: Path) -> None:
     well_typed("keys", "init", "two")
     assert "--fleet: 2 fleets in this folder" in typed("keys", "issue", "drone", "1").output
     assert well_typed("keys", "issue", "drone", "1", "--fleet", "two") == "two/drone1\n"
+
+
+def test_of_several_names_all_are_issued_or_none(here: Path) -> None:
+    well_typed("keys", "init", "acme")
+    well_typed("keys", "issue", "drone", "6")
+    well_typed("keys", "issue", "fog", "2")
+    assert "acme/drone6: is there; expected" in refused("keys", "issue", "drone", "5-7")
+    assert "acme/fog2: is there; expected" in refused("keys", "issue", "fog", "1-2")
+    assert sorted(path.name for path in (here / "acme").glob("[!.]*") if path.is_dir()) == [
+        "broker-fog2", "drone6", "fog2", "issued",
+    ]  # fmt: skip
+
+
+def test_a_certificate_that_would_be_over_is_not_issued(here: Path) -> None:
+    well_typed("keys", "init", "acme")
+    assert "days 1e-09: it would end at " in refused("keys", "issue", "drone", "3", "--days", "1e-9")
+    assert not (here / "acme/drone3").exists()
+    well_typed("keys", "issue", "drone", "3", "--days", "0.001")
+    assert well_typed("keys", "check", "acme/drone3").endswith("good\n")
+
+
+def test_days_count_from_now_also_after_renewals(here: Path) -> None:
+    well_typed("keys", "init", "acme")
+    well_typed("keys", "issue", "drone", "3", "--days", "10")
+    for _ in range(3):
+        found = Identity.load(here / "acme/drone3").certificate
+        assert found.not_after_s - found.not_before_s == 10 * 86_400 + BACKDATED.total_seconds()
+        well_typed("keys", "renew", "drone3")
+
+
+@pytest.mark.parametrize(
+    ("option", "host", "says"),
+    [
+        ("--address", "nonsense", "--address 'nonsense': expected an IP address; a name is --dns"),
+        ("--address", "10.0.0.256", "--address '10.0.0.256': expected an IP address; a name is --dns"),
+        ("--dns", "10.0.0.256", "host '10.0.0.256': expected a DNS name or an address"),
+    ],
+)
+def test_a_host_that_nobody_can_reach_is_one_line(here: Path, option: str, host: str, says: str) -> None:
+    well_typed("keys", "init", "acme")
+    assert refused("keys", "issue", "broker", "cloud", option, host) == says
+    well_typed("keys", "issue", "broker", "cloud")
+    assert refused("keys", "renew", "broker-cloud", option, host) == says
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0\nallow_anonymous true\n#", "x y", "x\ty", "x\u2028y", "a#b", "a/b", "a@b"])
+@pytest.mark.parametrize("server", ["mosquitto", "rabbitmq"])
+def test_a_host_adds_no_line_to_a_brokers_configuration(unchanged_fleet: Path, host: str, server: str) -> None:
+    out, listen = unchanged_fleet / "out", f"{host}:8883"
+    broker = ("broker", "cloud", "--identity", unchanged_fleet / "acme/broker-cloud", "--server", server)
+    said = refused(*broker, "--out", out, "--listen", listen)
+    assert said == f"--listen {listen!r}: expected HOST:PORT, with a port from 1 to 65535"
+    assert not out.exists()
+
+
+def test_a_folder_adds_no_line_to_a_brokers_configuration(unchanged_fleet: Path) -> None:
+    out = unchanged_fleet / "a\nallow_anonymous true"
+    said = refused("broker", "cloud", "--identity", unchanged_fleet / "acme/broker-cloud", "--out", out)
+    assert said == f"{str(out / 'access.acl')!r}: mosquitto.conf names it; expected printable characters"
+    assert not out.exists()

@@ -486,8 +486,25 @@ def test_a_disk_that_changed_what_had_come_begins_anew(tmp_path: Path, ground: G
 
 def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, ground: Ground) -> None:
     ground.target = tmp_path / "nowhere" / "flight.log"
-    with pytest.raises(ConfigurationError, match=r"nowhere/flight\.log: No such file or directory"):
+    with pytest.raises(ConfigurationError, match=r"nowhere/flight\.log: no such folder; expected a file in a folder"):
         ground.get(ground.list()[0])
+
+
+def test_a_pipe_is_not_replaced_by_a_log_and_nothing_is_asked_for_it(tmp_path: Path, ground: Ground) -> None:
+    log = ground.list()[0]
+    os.mkfifo(ground.target)
+    with pytest.raises(ConfigurationError, match=r"flight\.log: not a regular file; expected a file"):
+        ground.get(log)
+    assert ground.target.is_fifo()
+    assert (ground.told, ground.read_bytes()) == ([], 0)
+
+
+def test_a_log_is_written_where_a_link_leads(tmp_path: Path, ground: Ground) -> None:
+    (tmp_path / "disk").mkdir()
+    ground.target.symlink_to("disk/1.ulg")
+    assert ground.get(ground.list()[0]) == ground.kept[0].data
+    assert ground.target.is_symlink()
+    assert [path.name for path in (tmp_path / "disk").iterdir()] == ["1.ulg"]
 
 
 def test_a_thread_that_is_late_writes_into_no_other_file(tmp_path: Path) -> None:

@@ -59,8 +59,9 @@ def test_how_far_a_log_is_goes_to_stderr_now_and_then(drone: Drone, tmp_path: Pa
 def test_what_cannot_be_is_one_line_and_nothing_is_asked(drone: Drone, tmp_path: Path) -> None:
     for words, line in (
         ((7, tmp_path / "a"), "log 7: drone 3 has no such log; its logs: 1, 12"),
-        ((1, tmp_path / "b" / "a"), f"{tmp_path}/b/a: expected a file in a folder that exists"),
-        ((1, tmp_path / "a", "--most-kib-s", 0), "--most-kib-s 0: expected 1 or more"),
+        ((1, tmp_path / "b" / "a"), f"{tmp_path}/b/a: no such folder; expected a file in a folder that exists"),
+        ((1, tmp_path / "a", "--most-kib-s", 0), "--most-kib-s 0: expected 1 to 1000000"),
+        ((1, tmp_path / "a", "--most-kib-s", "9" * 500), f"--most-kib-s {'9' * 500}: expected 1 to 1000000"),
     ):
         assert refused("gs", "logs", "get", *words, "--drone", 3) == line
     assert drone.asked == []

@@ -6,6 +6,7 @@ import hashlib
 from pathlib import Path
 
 import pytest
+import typer
 
 from mqttxt.drone.mavlink.signing import read_key
 from tests.unit.mqttxt.typed import refused, typed
@@ -50,4 +51,14 @@ def test_a_passphrase_makes_the_key_that_mavproxy_makes_of_it(tmp_path: Path) ->
 )
 def test_what_cannot_be_installed_is_one_line_and_makes_no_key(tmp_path: Path, words: list[str], says: str) -> None:
     assert says in refused(*MAVLINK, tmp_path / "one.key", *words)
+    assert not (tmp_path / "one.key").exists()
+
+
+def test_a_passphrase_that_is_not_utf8_is_one_line(tmp_path: Path) -> None:
+    words = "\udcff" * 20  # how Python reads such bytes from a terminal
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer, "prompt", lambda *_arguments, **_options: words)
+        assert refused(*MAVLINK, tmp_path / "one.key", "--passphrase") == (
+            "passphrase: not UTF-8; expected text in UTF-8"
+        )
     assert not (tmp_path / "one.key").exists()

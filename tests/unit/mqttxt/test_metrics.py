@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from prometheus_client import start_http_server
 from prometheus_client.parser import text_string_to_metric_families
 
 from mqttxt import (
@@ -32,6 +33,7 @@ from mqttxt import (
     SensorReading,
     Severity,
     State,
+    metrics,
 )
 from mqttxt.core.floods import MOST_READINGS
 from mqttxt.errors import ConfigurationError
@@ -195,3 +197,18 @@ def test_the_dashboard_shows_metrics_that_there_are() -> None:
     assert shown
     assert shown <= {*_WORDS, *(f"mqttxt_{alone}" for state in STATES for alone in fields_of(state).values())}
     assert len({panel["id"] for panel in dashboard["panels"]}) == len(dashboard["panels"])
+
+
+async def test_before_its_guard_is_there_it_answers_with_no_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It listens from the moment of its start on, and a page of another name may ask at once."""
+    port, texts = free_port(), []
+
+    def started(*arguments: Any) -> Any:
+        found = start_http_server(*arguments)
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10) as answer:
+            texts.append(answer.read())
+        return found
+
+    monkeypatch.setattr(metrics, "start_http_server", started)
+    serve([], "127.0.0.1", port)
+    assert texts == [b""]

@@ -45,12 +45,12 @@ class Planned(Bench):
 
     def answered(self, out: list[Any]) -> list[Any]:
         every = list(out)
-        while told := [answer for each in out if isinstance(each, Transmit) for answer in self._answers(each.message)]:
+        while told := [answer for each in out if isinstance(each, Transmit) for answer in self.answers_to(each.message)]:
             out = self.hear(*map(from_autopilot, told))
             every += out
         return every
 
-    def _answers(self, message: Any) -> list[Any]:
+    def answers_to(self, message: Any) -> list[Any]:
         kind = message.get_type()
         if kind == "MISSION_REQUEST_LIST":
             return [mavlink.MAVLink_mission_count_message(*CLIENT, len(self.items), message.mission_type)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from aiohttp import web
 from pmtiles.tile import TileType
 
 from mqttxt import ConfigurationError
+from mqttxt.page import tiles
 from mqttxt.page.tiles import MOST_TILE_BYTES, Offer, TileError, Tiles, opened
 from tests.rigs.loopback import free_port
 from tests.simulation.map_tiles import HIGHEST_ZOOM, pmtiles, png, shapes
@@ -160,3 +162,54 @@ async def test_the_page_serves_them(tiles: Tiles | None, path: str, status: int)
         if status == 200:
             assert await answer.read() == PICTURE
             assert answer.content_type == "application/octet-stream"
+
+
+def _with_header(path: Path, place: int, value: bytes) -> Path:
+    """A good file with other bytes at a place of its header."""
+    found = bytearray(pmtiles(path, PICTURE, TileType.PNG, 47, 8).read_bytes())
+    found[place : place + len(value)] = value
+    path.write_bytes(found)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [(100, bytes([200, 250])), (8, b"\xff" * 8), (16, b"\xff" * 7 + b"\x7f"), (24, b"\xff" * 8), (32, b"\xff" * 8)],
+    ids=["zoom", "root's place", "root's length", "metadata's place", "metadata's length"],
+)
+async def test_a_damaged_header_is_one_line(tmp_path: Path, place: int, value: bytes) -> None:
+    path = _with_header(tmp_path / "a.pmtiles", place, value)
+    with pytest.raises(ConfigurationError, match=f"--tiles {path}: expected a PMTiles file of version 3$"):
+        async with opened(str(path)):
+            pass
+
+
+async def test_metadata_nested_too_deep_is_one_line(tmp_path: Path) -> None:
+    path = pmtiles(tmp_path / "a.pmtiles", PICTURE, TileType.PNG, 47, 8)
+    header, deep = path.read_bytes()[:127], gzip.compress(b"[" * 200_000)
+    where = b"".join(number.to_bytes(8, "little") for number in (127, len(deep)))
+    path.write_bytes(header[:24] + where + header[40:] + deep)
+    with pytest.raises(ConfigurationError, match=f"--tiles {path}: expected a PMTiles file of version 3$"):
+        async with opened(str(path)):
+            pass
+
+
+async def test_a_name_that_no_file_has_is_one_line() -> None:
+    with pytest.raises(ConfigurationError, match=r"^--tiles a\\x00b: embedded null byte; expected FILE.pmtiles"):
+        async with opened("a\0b"):
+            pass
+
+
+@pytest.mark.parametrize("more", [0, 1])
+async def test_a_tile_that_unpacks_to_too_much_is_an_error_of_its_tile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: int
+) -> None:
+    monkeypatch.setattr(tiles, "MOST_TILE_BYTES", 1000)
+    path = pmtiles(tmp_path / "a.pmtiles", bytes(1000 + more), TileType.MVT, 47, 8)
+    async with opened(str(path)) as found:
+        assert found is not None
+        if more:
+            with pytest.raises(TileError, match="tile 0/0/0: cannot be read: larger than 1000 bytes"):
+                await found.tile(0, 0, 0)
+        else:
+            assert await found.tile(0, 0, 0) == bytes(1000)

@@ -260,7 +260,7 @@ def test_a_file_that_is_no_plan_is_one_line(content: bytes, line: str, tmp_path:
 def test_a_file_that_is_not_there_or_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="No such file or directory"):
         Plan.load(tmp_path / "none.plan")
-    with pytest.raises(ConfigurationError, match="No such file or directory"):
+    with pytest.raises(ConfigurationError, match="no such folder; expected a file in a folder that exists"):
         Plan.load(SURVEY).save(tmp_path / "none" / "there.plan")
 
 

@@ -70,7 +70,7 @@ def test_of_one_number_one_is_open_and_none_supersedes_another() -> None:
 def test_the_autopilots_refusal_is_the_last_word(result: int, word: Word) -> None:
     bench = Bench()
     bench.start(1, raw(ROI))
-    assert [w for _, w, _ in said(bench.hear(ack(ROI, result)))] == [word]
+    assert [w for _, w, _ in said(bench.refuse(ack(ROI, result)))] == [word]
 
 
 @pytest.mark.parametrize("number", sorted(TYPED))

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from mqttxt.activator.legs import busy_drones
 from mqttxt.core.effects import Log, Publish
 from mqttxt.core.ledger import FOG_CAPACITY, KEEP_MS
 from mqttxt.protocol.codec import decode
@@ -271,7 +272,7 @@ def test_a_broadcast_stays_open_for_the_drones_that_have_it_whichever_is_away(aw
     bench.appear(there)
     bench.register()
     bench.command(Takeoff(10.0), to="commands", limit_s=60.0)
-    assert bench.role.relay.busy_drones() == {there}
+    assert busy_drones(bench.role.relay.ledger.open_entries()) == {there}
     effects = bench.until(bench.now_ms + 100_000)
     assert of(effects, f"drone{there}/commands"), "it is said again"
     assert words(effects, there)[-1] == (Word.UNCONFIRMED, None)

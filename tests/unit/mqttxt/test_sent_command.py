@@ -46,6 +46,7 @@ from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMessage, Sele
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.security.cose import Envelope
 from mqttxt.station.drone_view import HeardState
+from mqttxt.station.readiness import missing
 
 SESSION = 0x22
 NEAR = Goto(47.4, 8.5, 20)
@@ -389,23 +390,23 @@ async def test_a_drone_is_not_reachable_while_nothing_is_heard_of_its_fog(field:
 
 async def test_connect_names_what_each_fog_lacks(field: Field) -> None:
     view = field.runner.station.fogs[1]
-    assert field.runner.missing(view) == "its activator has not confirmed the registration"
+    assert missing(field.runner, view) == "its activator has not confirmed the registration"
     view.up = False
-    assert field.runner.missing(view) == "no activator is at mqtt://127.0.0.1:1"
+    assert missing(field.runner, view) == "no activator is at mqtt://127.0.0.1:1"
     birth = FogPresence(session=7, up=True)
     plain, signed = encode(birth), Envelope(encode(birth), bytes(4), bytes(64)).encode()
     field.runner.received("cloud", Inbound("fog1/reachable", signed))
     advice = "does not; expected `signed` beside `identity`"
-    assert field.runner.missing(view) == f"its activator signs messages and this station {advice}"
+    assert missing(field.runner, view) == f"its activator signs messages and this station {advice}"
     field.runner.received("cloud", Inbound("fog1/reachable", plain))
     assert view.up
     view.up = False
-    assert field.runner.missing(view) == "no activator is at mqtt://127.0.0.1:1"
+    assert missing(field.runner, view) == "no activator is at mqtt://127.0.0.1:1"
     view.subscribed = False
-    assert field.runner.missing(view) == "mqtt://127.0.0.1:1 has not granted the subscription"
+    assert missing(field.runner, view) == "mqtt://127.0.0.1:1 has not granted the subscription"
     field.runner.disconnected("cloud")
     field.failure = "Connection refused"
-    assert field.runner.missing(view) == "no connection to mqtt://127.0.0.1:1 (Connection refused)"
+    assert missing(field.runner, view) == "no connection to mqtt://127.0.0.1:1 (Connection refused)"
 
 
 async def test_a_fog_that_signs_is_told_from_one_that_is_not_there(field: Field) -> None:

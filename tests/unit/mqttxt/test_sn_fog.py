@@ -8,7 +8,8 @@ import pytest
 
 from mqttxt.activator.drones import FOG
 from mqttxt.core.mqtt.sn.challenge import ASK_S
-from mqttxt.core.mqtt.sn.packets import Message, decode
+from mqttxt.core.mqtt.sn.codec import decode
+from mqttxt.core.mqtt.sn.packets import Message
 from mqttxt.core.mqtt.sn.sender import Receiver
 from mqttxt.core.mqtt.sn.topic_ids import TopicIds
 from tests.examples import first_quick

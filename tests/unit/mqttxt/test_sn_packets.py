@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from scapy.contrib.mqttsn import MQTTSN
 
 from mqttxt.core.mqtt.sn import packets
-from mqttxt.core.mqtt.sn.packets import NORMAL, PREDEFINED, Packet, decode, encode
-from mqttxt.core.mqtt.sn.together import Told, Unpacker, pack
+from mqttxt.core.mqtt.sn.codec import decode, encode
+from mqttxt.core.mqtt.sn.packets import NORMAL, PREDEFINED, Packet
+from mqttxt.core.mqtt.sn.together import AirMessage, Unpacker, pack
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds, Travel
 from mqttxt.protocol.commands import COMMANDS
 from mqttxt.protocol.names import MAX_DRONE
@@ -213,7 +214,7 @@ def test_a_client_says_and_hears_what_a_uav_client_does() -> None:
 
 
 TOLD = st.builds(
-    Told,
+    AirMessage,
     st.sampled_from(("drone1/clock", "drone1/sensor3/light", "fleet/revoked", "drone1/state/mavlink/VFR_HUD")),
     st.binary(max_size=300),
     st.integers(0, 1),
@@ -223,7 +224,7 @@ TOLD = st.builds(
 
 @given(st.lists(TOLD, max_size=8), st.integers(1, 200))
 @examples(200)
-def test_messages_together_come_back_however_they_are_cut(told: list[Told], cut: int) -> None:
+def test_messages_together_come_back_however_they_are_cut(told: list[AirMessage], cut: int) -> None:
     ids, stream = TopicIds(), b"".join(pack(each, TopicIds()) for each in told)
     unpacker = Unpacker(ids)
     found = [each for at in range(0, len(stream), cut) for each in unpacker.take(stream[at : at + cut])]

@@ -58,6 +58,24 @@ def test_a_path_that_is_no_series_is_a_mistake_too(words: list[str], path: str, 
     assert _run(*(str(wrong) if word == "PATH" else word for word in words)) == (2, "", f"testbed: {wrong}: {said}\n")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["report", "PATH"],
+        ["verdict", "PATH", "--require", "ratios.packets>=50"],
+        ["compare", "PATH", "PATH"],
+        ["packets", "PATH"],
+        ["summary", "PATH"],
+        ["profiles", "show", "PATH"],
+        ["run", "scenario-4", "--profile", "PATH"],
+    ],
+)
+def test_a_name_that_is_too_long_is_a_mistake_too(words: list[str]) -> None:
+    code, shown, line = _run(*("x" * 256 if word == "PATH" else word for word in words))
+    assert (code, shown, line.count("\n")) == (2, "", 1)
+    assert line.endswith("File name too long; expected a shorter path\n")
+
+
 def test_no_report_is_made_where_one_of_the_paths_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "series" / "mqttxt" / "attempt-01").mkdir(parents=True)
     reported: list[Path] = []

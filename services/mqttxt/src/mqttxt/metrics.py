@@ -109,13 +109,13 @@ def serve(fogs: Sequence[Fog], host: str, port: int) -> None:
     registry = CollectorRegistry()
     registry.register(FleetCollector(fogs, asyncio.get_running_loop()))
     try:
-        server, _ = start_http_server(port, host, registry)
+        server, _ = start_http_server(port, host, CollectorRegistry())  # an empty one: it answers anyone at once
     except OSError as error:
         raise ConfigurationError(
             f"--listen {host_port(host, port)}: cannot listen: {error.strerror or error}"
         ) from error
-    if BrokerAddress(host, port).is_loopback:
-        server.set_app(_for_this_machine(make_wsgi_app(registry)))
+    app = make_wsgi_app(registry)
+    server.set_app(_for_this_machine(app) if BrokerAddress(host, port).is_loopback else app)
 
 
 def _for_this_machine(app: Answering) -> Answering:

@@ -7,6 +7,7 @@ import contextlib
 import os
 import shlex
 import signal
+import string
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,8 +39,8 @@ class Subject:
             return
         try:
             self._parts = shlex.split(command_line)
-            self._arguments()
-        except (ValueError, KeyError, IndexError) as error:
+            self._check_names()
+        except ValueError as error:
             known = ", ".join("{" + name + "}" for name in values)
             raise ConfigurationError(
                 f"--run {command_line!r}: {error}; expected a command line, with {known}"
@@ -79,6 +80,13 @@ class Subject:
             output.seek(max(self._from_byte, end - _TAIL))
             lines = output.read().decode(errors="replace").split("\n")
         return next((printable(line.strip())[:_LONGEST_LINE] for line in reversed(lines) if line.strip()), "")
+
+    def _check_names(self) -> None:
+        """Raises ValueError if braces contain anything but a value's name: `format` would look it up in Python."""
+        for part in self._parts:
+            for _, name, width, conversion in string.Formatter().parse(part):
+                if name is not None and (name not in self._values or width or conversion):
+                    raise ValueError(f"{name!r} in braces")
 
     def _arguments(self, **changed: str) -> list[str]:
         return [part.format(**{**self._values, **changed}) for part in self._parts]

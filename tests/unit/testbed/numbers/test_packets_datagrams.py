@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mqttxt.core.mqtt.sn import codec, packets
 from mqttxt.core.mqtt.sn.packets import Message
-from mqttxt.core.mqtt.sn.together import Told, pack
+from mqttxt.core.mqtt.sn.together import AirMessage, pack
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery
@@ -72,7 +72,7 @@ def test_a_repetition_is_a_retransmission_as_of_tcp(series: Series) -> None:
 
 
 def test_messages_together_are_told_apart_and_one_in_pieces_ends_in_the_last() -> None:
-    short, long = Told(COMMANDS, b"c"), Told("fleet/revoked", bytes(1500))
+    short, long = AirMessage(COMMANDS, b"c"), AirMessage("fleet/revoked", bytes(1500))
     stream = pack(short, IDS) + pack(long, IDS)
     cuts = [stream[:1000], stream[1000:]]
     sent = [Message(TOGETHER, piece, qos=1, msg_id=number) for number, piece in enumerate(cuts, start=1)]

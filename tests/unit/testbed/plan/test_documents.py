@@ -21,6 +21,10 @@ SCHEMA: dict[str, Any] = {
 }
 
 
+BOMB = "a0: &a0 [1]\n" + "".join(f"a{n}: &a{n} [{','.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))
+"""Ten times more in each line."""
+
+
 def _read(folder: Path, text: str) -> dict[str, Any]:
     (folder / "schema.json").write_text(json.dumps(SCHEMA))
     (folder / "own.yaml").write_text(text)
@@ -42,6 +46,7 @@ def test_keys_are_text_and_a_mapping_may_take_over_anothers(tmp_path: Path) -> N
         ("{a: 1.5}", "own.yaml: a: 1.5: expected a whole number up to 9, or a mapping"),
         ("{a: true}", "own.yaml: a: True: expected a whole number up to 9, or a mapping"),
         ("&a {a: *a}", "own.yaml: nested too deep, or within itself: expected a readable YAML file"),
+        (BOMB, "own.yaml: line 6: more than 100000 keys and values, with those that aliases repeat: expected YAML"),
         ("[" * 2000, "own.yaml: nested too deep, or within itself: "),
     ],
 )

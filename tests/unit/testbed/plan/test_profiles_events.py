@@ -12,7 +12,7 @@ from net.link_plan import EventPlan
 from testbed.errors import UserError
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.draws import link_seed, occurrences, plan_seed
-from testbed.plan.profiles.reading import Rule, read_profile
+from testbed.plan.profiles.reading import EventRule, read_profile
 from testbed.plan.profiles.resolve import LinksPlan, resolve
 
 TOPOLOGY = standard_fleet().topology()
@@ -83,7 +83,7 @@ def test_a_longer_run_meets_the_same_bursts_and_then_more(tmp_path: Path) -> Non
 
 
 def test_bursts_take_their_share_of_time_within_their_lengths() -> None:
-    rule = Rule("air", "", {}, "", share=0.05, shortest_us=100_000, longest_us=400_000)
+    rule = EventRule("air", "", {}, "", share=0.05, shortest_us=100_000, longest_us=400_000)
     length_us = 20_000 * SECOND
     found = list(occurrences(rule, Random(7), length_us))
     assert all(100_000 <= for_us <= 400_000 for _, for_us in found[:-1])

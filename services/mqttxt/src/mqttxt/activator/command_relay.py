@@ -18,18 +18,7 @@ from ..core.ledger import FOG_CAPACITY, OVERRIDING, Admission, Entry, Ledger, Sh
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.commands import (
-    BROADCASTABLE,
-    Disarm,
-    Goto,
-    Land,
-    Offboard,
-    Pause,
-    Resume,
-    Return,
-    StartMission,
-    Takeoff,
-)
+from ..protocol.commands import BROADCASTABLE, Disarm, Offboard, Pause
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, RosterEntry, Word
 from ..protocol.rankings import SelectMessage, SelectMode
@@ -43,8 +32,6 @@ from .part import Part, Site
 from .signed_commands import SignedCommand, SignedCommands
 from .together import WordsTogether
 
-FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
-"""A drone is busy from one of these commands to its last word."""
 SAFETY = (*OVERRIDING, Disarm, Pause)
 """Commands that are sent over every connection to a drone at once (R19.4)."""
 LIST_PER_PLACE = 10
@@ -53,7 +40,7 @@ SECOND_MS = 500
 """How long after a command was sent over one connection it is sent over all, unless a word has arrived (R19.5)."""
 
 
-class Relay(Part):
+class CommandRelay(Part):
     """The commands of one activator session; `words` publishes their results.
 
     `on_overriding` is called with the id of each hold, land or return, also of one that is denied. While
@@ -171,15 +158,6 @@ class Relay(Part):
         job.choosing = False
         self.ledger.close(entry, now_ms)
         return self.words.deny_whole(entry, reason, now_ms)
-
-    def busy_drones(self) -> set[int]:
-        """The drones with a flying command that has no last word yet."""
-        return {
-            leg.drone
-            for entry in self.ledger.open_entries()
-            for leg in entry.record.legs.values()
-            if not leg.is_closed and isinstance(entry.record.message.command, FLYING)
-        }
 
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
         """The PUBACK of a forwarded command; "no matching subscribers" means that it was not published (R5.9).

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from ..core.effects import Publish
+from ..core.ledger import Entry
 from ..core.settings import Retry
+from ..protocol.commands import Goto, Land, Offboard, Resume, Return, StartMission, Takeoff
 from ..protocol.messages import CommandMessage, ResultMessage
 from ..security.cose import Envelope
 from .signed_commands import SignedCommand
 
 CHOSEN = 0
 """The target of a command for which PSMI chooses the drone."""
+FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
+"""A drone is busy from one of these commands to its last word."""
 
 
 @dataclass
@@ -65,3 +70,13 @@ class Job:
     @property
     def is_over(self) -> bool:
         return not self.choosing and all(leg.is_closed for leg in self.legs.values())
+
+
+def busy_drones(entries: Iterable[Entry[Job]]) -> set[int]:
+    """The drones with a flying command that has no last word yet."""
+    return {
+        leg.drone
+        for entry in entries
+        for leg in entry.record.legs.values()
+        if not leg.is_closed and isinstance(entry.record.message.command, FLYING)
+    }

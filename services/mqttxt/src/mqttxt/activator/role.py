@@ -19,7 +19,7 @@ from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic, StationT
 from ..security.seal import Seal
 from .births import Births
 from .bulk_relay import BulkRelay
-from .command_relay import Relay
+from .command_relay import CommandRelay
 from .drones import CLOUD, FOG, Drones
 from .leases import Leases
 from .ownership import Ownership
@@ -45,7 +45,7 @@ Handler = Callable[[Any, Inbound, int], list[Effect]]
 class Activator:
     """One activator session. Times are milliseconds of its session clock. With a `seal` messages are signed.
 
-    `has_paths` and `is_audited` are `Relay`'s.
+    `has_paths` and `is_audited` are `CommandRelay`'s.
     """
 
     def __init__(
@@ -74,10 +74,10 @@ class Activator:
         site = Site(session, self._to_cloud, self._to_fog, self.cloud, self.fog_side, self.leases, self.owners)
         self.drones = Drones(site, drones)
         self.together = WordsTogether(session, self._to_cloud, self.cloud)
-        self.relay = Relay(site, self.drones, self.together, has_paths=has_paths, is_audited=is_audited)
+        self.relay = CommandRelay(site, self.drones, self.together, has_paths=has_paths, is_audited=is_audited)
         self.selector = Selector(site, self.drones, self.relay, self.together)
-        self.states = StateRelay(session, self._to_cloud, self._to_fog, self.cloud, self.drones, self.leases)
-        self.sensors = SensorRelay(self._to_fog, self.cloud, self.fog_side, self.leases)
+        self.states = StateRelay(site, self.drones)
+        self.sensors = SensorRelay(site)
         self.bulk = BulkRelay(site, self.drones)
         self._births = Births(site, self.drones)
         self.ownership = Ownership(site, self.drones, self._births, broker)

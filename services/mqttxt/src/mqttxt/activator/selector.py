@@ -17,9 +17,9 @@ from ..protocol.messages import CommandId, Word
 from ..protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
 from ..protocol.topics import FogTopic
 from ..protocol.words import CERTIFICATE_EXPIRED, PASSED_OVER
-from .command_relay import Relay
+from .command_relay import CommandRelay
 from .drones import Drones
-from .legs import CHOSEN, Job, Leg
+from .legs import CHOSEN, Job, Leg, busy_drones
 from .part import Part, Site
 from .psmi import rank
 from .signed_commands import SelectContents
@@ -59,7 +59,7 @@ class Reservation:
 class Selector(Part):
     """The choices of one activator session."""
 
-    def __init__(self, site: Site, drones: Drones, relay: Relay, together: WordsTogether) -> None:
+    def __init__(self, site: Site, drones: Drones, relay: CommandRelay, together: WordsTogether) -> None:
         super().__init__(site)
         self._drones = drones
         self._relay = relay
@@ -138,7 +138,7 @@ class Selector(Part):
             leases=self._leases,
             gs_session=wanted.gs_session,
             epoch=wanted.epoch,
-            busy=self._relay.busy_drones() | {held.drone for held in self._reservations.values()},
+            busy=busy_drones(self._relay.ledger.open_entries()) | {held.drone for held in self._reservations.values()},
             tried=tried,
             stale_ms=self._to_cloud.settings.state_limit_ms,
             now_ms=now_ms,

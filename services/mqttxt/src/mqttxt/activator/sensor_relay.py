@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Publish
 from ..protocol.codec import decode, encode
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
-from ..protocol.topics import CloudSide, DroneTopic, FogSide
+from ..protocol.topics import DroneTopic
 from ..security.cose import Envelope
 from .drones import CLOUD, FOG
-from .leases import Leases
+from .part import Part, Site
 
 MOST_WAITING = 100
 """How many of a drone's readings are remembered, and await the cloud broker's PUBACK; more than it has in flight."""
@@ -25,7 +24,7 @@ class Carried:
     key: ReadingKey
 
 
-class SensorRelay:
+class SensorRelay(Part):
     """Relays readings and keeps none: until it is acknowledged, a reading stays on the drone (R9.14, R12.19).
 
     A reading is acknowledged when the cloud broker has, while a station is registered. The PUBACK alone is not enough:
@@ -34,11 +33,8 @@ class SensorRelay:
     reading.
     """
 
-    def __init__(self, to_fog: Channel, cloud: CloudSide, fog_side: FogSide, leases: Leases) -> None:
-        self._to_fog = to_fog
-        self._cloud = cloud
-        self._fog = fog_side
-        self._leases = leases
+    def __init__(self, site: Site) -> None:
+        super().__init__(site)
         self._on_the_way: dict[int, dict[ReadingKey, bool]] = {}
         """By drone: whether a station was registered when the reading was sent."""
         self._safe: dict[int, list[ReadingKey]] = {}

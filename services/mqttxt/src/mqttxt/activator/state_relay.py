@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ..core.channel import Channel
 from ..core.clock import STAMP_MODULUS, STAMP_TICK_MS, stamp
 from ..core.effects import Effect, Inbound, Publish
 from ..core.settings import next_turn_ms
@@ -15,11 +14,11 @@ from ..protocol.policies import URGENT
 from ..protocol.rankings import QodsMessage
 from ..protocol.state_payload import PlainState, encode_relayed, plain_state
 from ..protocol.states import CODES
-from ..protocol.topics import CloudSide, DroneTopic
+from ..protocol.topics import DroneTopic
 from . import qods
 from .drone_link import DroneLink, Known
 from .drones import CLOUD, Drones
-from .leases import Leases
+from .part import Part, Site
 
 PATIENCE = 0.75
 """Fraction of a bundle's interval: a state whose values are at least this far apart comes about as often as bundles."""
@@ -33,20 +32,14 @@ class Waiting:
     states: list[tuple[int, PlainState]]
 
 
-class StateRelay:
+class StateRelay(Part):
     """Keeps every drone's states and publishes them for the registered stations, as topics, bundles or both."""
 
-    def __init__(
-        self, session: int, to_cloud: Channel, to_fog: Channel, cloud: CloudSide, drones: Drones, leases: Leases
-    ) -> None:
+    def __init__(self, site: Site, drones: Drones) -> None:
+        super().__init__(site)
         self.qods = qods.QodsTurns()
-        self._session = session
-        self._channel = to_cloud
-        self._to_fog = to_fog
-        self._settings = to_cloud.settings
-        self._cloud = cloud
+        self._settings = site.to_cloud.settings
         self._drones = drones
-        self._leases = leases
         self._bundled: dict[tuple[int, str], Waiting] = {}
         self._paces: dict[tuple[int, str], tuple[int, bool]] = {}
         self._next_bundle_ms = 0
@@ -92,7 +85,7 @@ class StateRelay:
         if ranking is not None:
             message = QodsMessage(session=self._session, stamp=stamp(now_ms), ranking=ranking)
             payload = encode(message, self._settings.encoding)
-            payload = self._channel.dated_payload(self._cloud.qods, payload, self._session, now_ms)
+            payload = self._to_cloud.dated_payload(self._cloud.qods, payload, self._session, now_ms)
             out.append(Publish(CLOUD, self._cloud.qods, payload))
         return out
 
@@ -131,7 +124,7 @@ class StateRelay:
                 return
         topic = self._cloud.drone_state(link.number, name)
         payload = encode_relayed(state, relay_stamp, self._settings.encoding)
-        out.append(Publish(CLOUD, topic, self._channel.state_payload(topic, payload, self._session, now_ms)))
+        out.append(Publish(CLOUD, topic, self._to_cloud.state_payload(topic, payload, self._session, now_ms)))
 
     def _bundle(
         self, key: tuple[int, str], state: PlainState, relay_stamp: int, now_ms: int, out: list[Effect]
@@ -179,6 +172,6 @@ class StateRelay:
         bundles, topic = encode_fog_bundles(relayed, self._settings.encoding), self._cloud.states
         self._bundled.clear()
         return [
-            Publish(CLOUD, topic, self._channel.state_payload(topic, bundle, self._session, now_ms))
+            Publish(CLOUD, topic, self._to_cloud.state_payload(topic, bundle, self._session, now_ms))
             for bundle in bundles
         ]

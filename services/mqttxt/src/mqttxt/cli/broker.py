@@ -22,7 +22,7 @@ class BrokerKind(StrEnum):
     DRONE = "drone"
 
 
-class Server(StrEnum):
+class BrokerProgram(StrEnum):
     """The broker's program."""
 
     MOSQUITTO = "mosquitto"
@@ -37,8 +37,8 @@ def broker(
     prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
     fogs: Annotated[str, typer.Option(help="Fogs that share the cloud's broker (fogX/local/), as 1-3,7.")] = "",
     server: Annotated[
-        Server, typer.Option(help="The program: mosquitto, or rabbitmq as the cloud's.")
-    ] = Server.MOSQUITTO,
+        BrokerProgram, typer.Option(help="The program: mosquitto, or rabbitmq as the cloud's.")
+    ] = BrokerProgram.MOSQUITTO,
     air_sn: Annotated[
         bool, typer.Option("--air-sn", help="Of a fog: its activator, with --air-sn, brings drones to the broker.")
     ] = False,
@@ -67,8 +67,10 @@ def broker(
             raise ConfigurationError(f"--fogs {fogs!r}: expected at the cloud broker alone")
         if air_sn and kind is not BrokerKind.FOG:
             raise ConfigurationError("--air-sn: expected at a fog's broker alone")
-        if server is Server.RABBITMQ and kind is not BrokerKind.CLOUD:
+        if server is BrokerProgram.RABBITMQ and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--server {server}: expected at the cloud broker alone")
-        if server is Server.RABBITMQ and host != "0.0.0.0":
+        if server is BrokerProgram.RABBITMQ and host != "0.0.0.0":
             raise ConfigurationError(f"--listen {listen!r}: RabbitMQ listens at every address; expected 0.0.0.0:PORT")
-        typer.echo(rabbitmq.write(files, out, port) if server is Server.RABBITMQ else files.write(out, host, port))
+        typer.echo(
+            rabbitmq.write(files, out, port) if server is BrokerProgram.RABBITMQ else files.write(out, host, port)
+        )

@@ -262,13 +262,15 @@ def _folder(fleet: Path | None, signed: bool, address: BrokerAddress, signed_rea
     """The fleet of the kit, None without `--fleet`; raises ConfigurationError."""
     from mqttxt_conformance.sealed import Folder
 
+    from ..security.files import is_folder
+
     if signed_readings and not signed:
         raise ConfigurationError("--signed-readings: expected --signed beside it")
     if fleet is None:
         if signed:
             raise ConfigurationError("--signed: expected --fleet FOLDER beside it")
         return None
-    if not fleet.is_dir():
+    if not is_folder(fleet, f"--fleet {fleet}"):
         raise ConfigurationError(f"--fleet {fleet}: no such folder; expected one that `mqttxt keys init` made")
     if not address.tls:
         raise ConfigurationError(f"--broker {address}: not encrypted; expected mqtts:// beside --fleet")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -113,15 +114,18 @@ def issue(
 
     with errors_as_lines():
         rights = _rights(kind, may or [], drones)
-        hosts = (*(dns or ()), *(address or ()))
+        hosts = _hosts(dns, address)
         if hosts and kind not in (Node.FOG, Node.BROKER):
             raise ConfigurationError(f"{kind} {name}: expected --dns and --address for fogs and brokers alone")
         lifetime = days if days is not None else STATION_DAYS if kind is Node.STATION else NODE_DAYS
         authority = _authority(fleet)
         names = _names(kind, name)
-        for each in [f"broker-{fog}" for fog in names] if kind is Node.FOG else []:
-            if hosts or not authority.has(each):
-                typer.echo(authority.issue(each, days=lifetime, hosts=hosts))
+        beside = [f"broker-{fog}" for fog in names] if kind is Node.FOG else []
+        brokers = [each for each in beside if hosts or not authority.has(each)]
+        for each in (*brokers, *names):  # all of them or none
+            authority.check_new(each)
+        for each in brokers:
+            typer.echo(authority.issue(each, days=lifetime, hosts=hosts))
         for each in names:
             typer.echo(authority.issue(each, rights, lifetime, hosts if kind is Node.BROKER else ()))
 
@@ -150,7 +154,7 @@ def renew(
 ) -> None:
     """Give a node a new key and certificate; the old one is valid until it expires or is revoked (`--old`)."""
     with errors_as_lines():
-        hosts = (*(dns or ()), *(address or ()))
+        hosts = _hosts(dns, address)
         if hosts and not name.startswith("broker-"):
             raise ConfigurationError(f"{name}: expected --dns and --address for brokers alone, as broker-fog1")
         typer.echo(_authority(fleet).renew(name, days, hosts))
@@ -164,13 +168,14 @@ def show(
     fleet: FleetFolder = None,
 ) -> None:
     """Say what certificates say: name, fleet, rights, until when."""
+    from ..security.files import is_folder, is_there
     from ..security.identity import CERTIFICATE_FILE, read_certificate
 
     with errors_as_lines():
-        if what is None or (what / "authority.pem").exists():
+        if what is None or is_there(what / "authority.pem"):
             _show(_authority(what or fleet))
         else:
-            found = read_certificate(what / CERTIFICATE_FILE if what.is_dir() else what)
+            found = read_certificate(what / CERTIFICATE_FILE if is_folder(what) else what)
             typer.echo(f"{_line(found)}  of fleet {found.fleet}")
 
 
@@ -214,6 +219,16 @@ def _names(kind: Node, text: str, option: str | None = None) -> list[str]:
         return [_broker(text)]
     most = {Node.DRONE: MAX_DRONE, Node.SENSOR: MAX_SENSOR, Node.FOG: MAX_FOG}[kind]
     return [f"{kind}{number}" for number in sorted(numbers_of(text, most, option or kind))]
+
+
+def _hosts(dns: list[str] | None, address: list[str] | None) -> tuple[str, ...]:
+    """The names and addresses of a broker; raises ConfigurationError for an address that is none."""
+    for each in address or ():
+        try:
+            ipaddress.ip_address(each)
+        except ValueError:
+            raise ConfigurationError(f"--address {each!r}: expected an IP address; a name is --dns") from None
+    return (*(dns or ()), *(address or ()))
 
 
 def _broker(text: str) -> str:

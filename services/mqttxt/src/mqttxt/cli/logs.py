@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 logs_app = typer.Typer(help="The flight logs of a drone's autopilot.", no_args_is_help=True, rich_markup_mode=None)
 
 TOLD_EVERY_S = 5.0
-LEAST_KIB_S, MOST_KIB_S = 1, 128
+LEAST_KIB_S, MOST_KIB_S, LARGEST_KIB_S = 1, 128, 1_000_000
+"""The range of `--most-kib-s`, with its default between them."""
 
 
 @logs_app.command("list")
@@ -46,10 +47,11 @@ def get(
     most_kib_s: Annotated[int, typer.Option(help="KiB that are carried in a second at most.")] = MOST_KIB_S,
 ) -> Job:
     """Write a log into a file, and say how far it is; what broke off goes on where it was."""
-    if most_kib_s < LEAST_KIB_S:
-        raise ConfigurationError(f"--most-kib-s {most_kib_s}: expected {LEAST_KIB_S} or more")
-    if not file.parent.is_dir() or file.is_dir():
-        raise ConfigurationError(f"{file}: expected a file in a folder that exists")
+    from ..security.files import named_by_user
+
+    if not LEAST_KIB_S <= most_kib_s <= LARGEST_KIB_S:
+        raise ConfigurationError(f"--most-kib-s {most_kib_s}: expected {LEAST_KIB_S} to {LARGEST_KIB_S}")
+    named_by_user(file)
 
     async def job(there: Drone) -> int:
         found = {log.number: log for log in await _logs_of(there)}

@@ -43,7 +43,7 @@ def mavlink(
 def _make(file: Path, passphrase: bool) -> None:
     from ..security import files
 
-    if file.exists():
+    if files.is_there(file):
         raise ConfigurationError(f"{file}: exists; expected another name, because an autopilot may have this key")
     key = _of_passphrase() if passphrase else secrets.token_bytes(32)
     files.write(file, f"{key.hex()}\n".encode(), 0o600)
@@ -57,18 +57,22 @@ def _of_passphrase() -> bytes:
             f"passphrase: {len(words)} characters; expected {SHORTEST} or more, "
             "because whoever recorded one message can try them out"
         )
-    return hashlib.sha256(words.encode()).digest()
+    try:
+        return hashlib.sha256(words.encode()).digest()
+    except UnicodeEncodeError:  # its text would contain the passphrase
+        raise ConfigurationError("passphrase: not UTF-8; expected text in UTF-8") from None
 
 
 def _install(file: Path, passphrase: bool, address: str, drone: int, old: Path | None) -> None:
     from ..drone.mavlink.key_install import Installation, check_wired
     from ..drone.mavlink.signing import read_key
     from ..drone.mavlink.transports import AutopilotAddress
+    from ..security import files
 
     wire = AutopilotAddress.parse(address)
     check_wired(wire)
     old_key = read_key(old) if old is not None else None
-    if not file.exists():
+    if not files.is_there(file):
         _make(file, passphrase)
     elif passphrase:
         raise ConfigurationError(f"--passphrase: {file} exists; expected one of the two")

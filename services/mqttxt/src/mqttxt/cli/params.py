@@ -86,6 +86,9 @@ def set_(
 @with_a_drone
 def save(file: File) -> Job:
     """Write the parameters that a drone's autopilot has now into a file, which QGroundControl opens."""
+    from ..security.files import named_by_user
+
+    named_by_user(file)
 
     async def job(there: Drone) -> int:
         found = await _fetched(there)

@@ -45,6 +45,9 @@ def upload(file: File) -> Job:
 @with_a_drone
 def download(file: File) -> Job:
     """Write the plan that a drone's autopilot has now into a file, which QGroundControl opens."""
+    from ..security.files import named_by_user
+
+    named_by_user(file)
 
     async def job(there: Drone) -> int:
         plan = await there.download()

@@ -12,6 +12,8 @@ from urllib.parse import unquote, urlsplit
 from ..errors import ConfigurationError
 
 SN = "mqtt-sn"
+_NOT_IN_HOSTS = re.compile(r"[\s/?#@\[\]\\]")
+"""The characters that end a host in a URL (RFC 3986, 3.2), and those that end a word in a broker's configuration."""
 _PASSWORD = re.compile(r"(://[^:/?#@]*:).*@", re.DOTALL)
 
 
@@ -87,8 +89,10 @@ def host_port(host: str, port: int) -> str:
 
 def is_host(text: str) -> bool:
     """Whether a name or an address can be looked up at all: DNS takes labels of 1 to 63 characters."""
+    if not text.isprintable() or _NOT_IN_HOSTS.search(text):  # IDNA accepts these
+        return False
     try:
-        return text != "" and "\0" not in text and text.encode("idna") != b""
+        return text.encode("idna") != b""
     except UnicodeError:
         return False
 

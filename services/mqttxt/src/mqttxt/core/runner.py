@@ -7,7 +7,6 @@ import contextlib
 import logging
 from collections import Counter
 from collections.abc import Callable, Coroutine, Hashable, Iterable, Mapping
-from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -18,6 +17,7 @@ from .clock import SessionClock
 from .effects import Audit, Inbound, Log, Publish, Reconnect, Stop, Subscribe, Unsubscribe
 from .hearing import STALL_MS
 from .mqtt.link import MqttLink
+from .ready_file import ReadyFile
 from .settings import REBIRTH_MS
 from .shared_lists import LISTS, SharedLists
 
@@ -73,8 +73,7 @@ class Runner:
         audit: AuditLog | None = None,
         told: Mapping[str, str] | None = None,
     ) -> None:
-        if ready_file is not None and not ready_file.parent.is_dir():
-            raise ConfigurationError(f"--ready-file {ready_file}: expected a file in a folder that exists")
+        self._ready_file = ReadyFile(ready_file, self.count) if ready_file is not None else None
         self.role = role
         self.clock = clock
         self.identity = identity
@@ -86,8 +85,6 @@ class Runner:
         fleet = identity.fleet if identity is not None else None
         self.lists = SharedLists(fleet, lists or {}, patience_ms, told)
         self.counts: Counter[str] = Counter()
-        self._ready_file = ready_file
-        self._marking: asyncio.Future[None] | None = None
         self.ticked_ms = clock.now_ms()
         """When the last tick began."""
         self._told_ms = -10_000
@@ -287,8 +284,8 @@ class Runner:
             await asyncio.sleep(due_s - loop.time())
 
     def _tell(self, is_ready: bool) -> None:
-        if self._ready_file is not None and (self._marking is None or self._marking.done()):
-            self._marking = asyncio.create_task(self._mark(self._ready_file, is_ready))
+        if self._ready_file is not None:
+            self._ready_file.tell(is_ready)
         if self.service is not None:
             self.service.alive(is_ready)
 
@@ -297,23 +294,10 @@ class Runner:
             self.service.ending()
         self.carry_out(self.role.goodbye(self.clock.now_ms()))
         await asyncio.gather(*(link.close() for link in self.links.values()))
-        ready_file, self._ready_file = self._ready_file, None
-        if self._marking is not None:
-            await self._marking
-        if ready_file is not None:
-            await self._mark(ready_file, False)
+        if self._ready_file is not None:
+            await self._ready_file.close()
         if self.counts:
             logger.info("counted: %s", ", ".join(f"{kind} {n}" for kind, n in sorted(self.counts.items())))
-
-    async def _mark(self, path: Path, ready: bool) -> None:
-        """Touch the ready file, or remove it: a fresh modification time means ready; an old one, or no file, not ready.
-
-        A failing disk does not end the role, and a slow one does not delay it.
-        """
-        try:
-            await asyncio.to_thread(path.touch if ready else partial(path.unlink, missing_ok=True))
-        except OSError as error:
-            self.count("ready_file", f"{path}: {error.strerror or error}")
 
 
 def next_tick(due_s: float, now_s: float) -> float:

@@ -20,7 +20,12 @@ LAST_WORDS = 5
 """The lines that are shown of a part that has ended."""
 
 
-class Part:
+def _environment() -> dict[str, str]:
+    """This process's environment without options: a part has those of its command line alone."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("MQTTXT_")}
+
+
+class DemoProcess:
     """One process in a process group of its own, so that Ctrl-C reaches the demo alone, which ends its parts in order.
 
     Parameters:
@@ -49,7 +54,7 @@ class Part:
             stdout=PIPE,
             stderr=STDOUT,
             cwd=folder,
-            env={**os.environ, "TMPDIR": str(folder), "PYTHONUNBUFFERED": "1"},
+            env={**_environment(), "TMPDIR": str(folder), "PYTHONUNBUFFERED": "1"},
             process_group=0,
             preexec_fn=ENDS_WITH_PARENT,
         )

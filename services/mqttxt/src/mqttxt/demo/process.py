@@ -19,7 +19,7 @@ from ..core.printable import printable
 from ..errors import ConfigurationError, FogUnreachable
 from ..station.ground_station import GroundStation
 from .fleet import DRONES, FOG, fleet_file, places_file
-from .parts import Part
+from .parts import DemoProcess
 from .ports import HOST, free_ports
 
 CLOUD_PORT = 1890
@@ -71,11 +71,11 @@ class Demo:
         self._open_page = open_page
         self._tiles = tiles
         self._places = places
-        self._stages: list[list[Part]] = []
+        self._stages: list[list[DemoProcess]] = []
         """The parts of one stage start and end together; the last stage ends first."""
         self._ports = free_ports(CLOUD_PORT)
         self._page_ports = free_ports(PAGE_PORT)
-        self._over: asyncio.Future[Part | None] = asyncio.get_running_loop().create_future()
+        self._over: asyncio.Future[DemoProcess | None] = asyncio.get_running_loop().create_future()
         """The part that has ended unasked, None if a signal ends the demo."""
 
     async def run(self) -> None:
@@ -107,7 +107,7 @@ class Demo:
         for stage in reversed(self._stages):
             await asyncio.gather(*(part.end() for part in stage))
 
-    def _end_with(self, part: Part | None) -> None:
+    def _end_with(self, part: DemoProcess | None) -> None:
         if not self._over.done():
             self._over.set_result(part)
 
@@ -169,7 +169,7 @@ class Demo:
                 return f"http://{where}/"
         raise _no_port()
 
-    async def _listens(self, folder: Path, part: Part) -> bool:
+    async def _listens(self, folder: Path, part: DemoProcess) -> bool:
         """Start a part; returns False if its port is in use by now. Raises PartEnded."""
         self._stages.append([part])
         await part.start(folder)
@@ -183,20 +183,20 @@ class Demo:
         self._stages.pop()
         return False
 
-    async def _start(self, folder: Path, *parts: Part) -> None:
+    async def _start(self, folder: Path, *parts: DemoProcess) -> None:
         self._stages.append([*parts])
         for part in parts:
             await part.start(folder)
             self._watch(part)
 
-    def _watch(self, part: Part) -> None:
+    def _watch(self, part: DemoProcess) -> None:
         part.ended.add_done_callback(lambda _: self._end_with(part))
 
-    def _module(self, name: str, *module_and_arguments: str, sign: str = "") -> Part:
+    def _module(self, name: str, *module_and_arguments: str, sign: str = "") -> DemoProcess:
         return self._part(name, sys.executable, "-P", "-m", *module_and_arguments, sign=sign)
 
-    def _part(self, name: str, *command: str, sign: str = "") -> Part:
-        return Part(name, command, partial(self._on_line, name), sign)
+    def _part(self, name: str, *command: str, sign: str = "") -> DemoProcess:
+        return DemoProcess(name, command, partial(self._on_line, name), sign)
 
     def _on_line(self, name: str, line: str) -> None:
         if self._verbose:

@@ -15,6 +15,8 @@ from .runs import Said
 class CommandResults:
     """A command's results: its name for the topic, the newest word, and whether a last word was acknowledged.
 
+    `epoch` is that of the drone's control, by which its station sent it.
+
     `said` is that word as it was published, to answer repetitions of the command.
 
     `is_journalled`: the journal has the command. One that was refused needs no record there: a later session answers
@@ -22,6 +24,7 @@ class CommandResults:
     """
 
     name: str
+    epoch: int = 0
     newest: ResultMessage | None = None
     said: Publish | None = None
     delivered: bool = False

@@ -28,6 +28,7 @@ from ..protocol.commands import (
 )
 from ..protocol.messages import Word
 from ..protocol.states import FlightMode
+from ..protocol.words import NOT_IN_CONTROL
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
 from .interruptions import is_overridden, is_taken_over, modes_shown
@@ -41,6 +42,7 @@ from .preparation import Preparer
 from .runs import Output, Phase, Run, Runs, Said
 from .streams import Streams
 from .takeoffs import Takeoffs
+from .write_permit import WritePermit
 
 SENDS = 4
 RESEND_MS = 500
@@ -64,6 +66,7 @@ class CommandWriter:
     takeoffs: Takeoffs
     plans: PlanKeeper
     streams: Streams
+    permit: WritePermit
 
     def plan(self, command: Command, now_ms: int) -> CommandPlan:
         """A command's MAVLink message and effect. Raises CannotExecute if the autopilot's last state forbids it."""
@@ -91,6 +94,9 @@ class CommandWriter:
 
     def go_on(self, run: Run, now_ms: int) -> list[Output]:
         """The next step of a command that is not sent yet and was planned just now."""
+        reason = self._lost_control(run, now_ms)
+        if reason is not None:
+            return [self.runs.end(run, Word.DENIED, reason)]
         if self.preparer.is_taken_over(run):
             return [self.runs.end(run, Word.FAILED, "mode_changed")]
         if run.preparation is None and is_overridden(run, self.runs, self.vehicle):
@@ -123,6 +129,12 @@ class CommandWriter:
         run.phase = Phase.SENT
         return self._write(run, now_ms)
 
+    def _lost_control(self, run: Run, now_ms: int) -> str | None:
+        """Why a command is not written any more, though its station had control when it began."""
+        if not self.permit.has_control(run.id, now_ms):
+            return NOT_IN_CONTROL
+        return "no_lease" if isinstance(run.command, Offboard) and self.pilot.has_lost_lease(run, now_ms) else None
+
     def _begin_unsaid(self, run: Run, now_ms: int) -> list[Output]:
         """Run a command that needs no write, once no older one of its group awaits an acknowledgement."""
         if any(older.phase is Phase.SENT for older in self.runs.older(run)):
@@ -147,7 +159,11 @@ class CommandWriter:
         if is_taken and run.entered_mode and isinstance(run.command, Offboard):
             self.acknowledgements.rest(run, now_ms)
             return [self.runs.end(run, Word.FAILED, "mode_changed")]
-        run.is_outdated = run.is_outdated or is_taken
+        lost = self._lost_control(run, now_ms)
+        if lost is not None and isinstance(run.command, Offboard):
+            self.acknowledgements.rest(run, now_ms)
+            return self.pilot.stop(run, Word.FAILED, "lease_lost", now_ms)
+        run.is_outdated = run.is_outdated or is_taken or lost is not None
         if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
             return []
         if run.has_shown and run.refused is None:  # a copy could undo what a pilot did since

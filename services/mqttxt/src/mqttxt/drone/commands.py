@@ -67,6 +67,7 @@ class CommandDesk:
         # Over several connections no word waits: a command without an early word is sent over another one.
         self.first_words = FirstWords(settings.bundle_ms if settings.bundles and not has_paths else None)
         self.executor = executor
+        executor.permit.has_control = self._still_has_control
         self.may_publish = False
         self.republish_at_ms: int | None = None
         self.epoch = 0
@@ -164,7 +165,12 @@ class CommandDesk:
             denial = result_of(Said(command.id, Word.DENIED, reason), self._session, now_ms)
             return [*self.say_first_words(), self._publish_result(command.command.name, denial, kept=False)]
         self.ledger.enter(
-            command.id, command.command, CommandResults(command.command.name), known_until_ms, share, station
+            command.id,
+            command.command,
+            CommandResults(command.command.name, command.epoch),
+            known_until_ms,
+            share,
+            station,
         )
         who = signed.signer if signed is not None else None
         audit = Audit("command", command, now_ms, who, self._drone, signed is not None)
@@ -184,7 +190,7 @@ class CommandDesk:
         command, entry = self._to_start.pop(command_id), self.ledger.get(command_id)
         assert entry is not None
         assert command.deadline_ms is not None
-        if self.executor.is_leaving:
+        if self.executor.permit.is_leaving:
             return []  # the next session closes it
         entry.record.is_journalled = True
         refusal = self._refusal(command, command.deadline_ms, False, now_ms)  # the disk may have taken its time
@@ -230,6 +236,17 @@ class CommandDesk:
             return True
         is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
         return is_held and self.executor.lease.holder_session == gs_session
+
+    def _still_has_control(self, command_id: CommandId, now_ms: int) -> bool:
+        """Whether no other station has taken the place of the one that sent a command that has begun."""
+        entry = self.ledger.get(command_id)
+        return entry is not None and not self._is_anothers(entry.record.epoch, command_id.gs_session, now_ms)
+
+    def _is_anothers(self, epoch: int, gs_session: int, now_ms: int) -> bool:
+        """Whether the drone's control has gone to another station, as far as the newest lease says."""
+        is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
+        holder = self.executor.lease.holder_session if is_held and epoch <= self.epoch else None
+        return epoch < self.epoch or holder not in (None, gs_session)
 
     def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
         """Pass effects on, and turn words into results, recorded in ledger and journal before they leave."""

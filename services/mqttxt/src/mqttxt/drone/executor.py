@@ -34,6 +34,7 @@ from .preparation import Preparer
 from .runs import UNSENT, Output, Phase, Run, Runs, Said
 from .streams import Streams
 from .takeoffs import Takeoffs
+from .write_permit import WritePermit
 
 
 class Executor:
@@ -48,11 +49,12 @@ class Executor:
     ) -> None:
         self.vehicle = vehicle
         self._runs = Runs()
-        self.plans = PlanKeeper(vehicle, staged, self._runs.has_mission)
+        self.permit = WritePermit()
+        self.plans = PlanKeeper(vehicle, staged, self._runs, self.permit)
         self.parameters = ParameterCopy(vehicle, kept_parameters)
         self.logs = LogReader(vehicle)
         limits = limits or Limits()
-        self._settings = ParameterSettings(vehicle, limits)
+        self._settings = ParameterSettings(vehicle, limits, self.permit)
         self.lease = HeldLease()
         self._pilot = OffboardPilot(vehicle, self._runs, self.lease)
         self._acknowledgements = Acknowledgements(vehicle, self._runs, self._pilot)
@@ -68,8 +70,8 @@ class Executor:
             takeoffs=self._takeoffs,
             plans=self.plans,
             streams=self.streams,
+            permit=self.permit,
         )
-        self.is_leaving = False
 
     def start(
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
@@ -147,7 +149,7 @@ class Executor:
         out += self._settings.tick(now_ms) + self.parameters.tick(now_ms) + self.logs.tick(now_ms)
         for run in self._runs:
             if run.phase in UNSENT:
-                out += self._writer.try_write(run, now_ms) if not self.is_leaving else []
+                out += self._writer.try_write(run, now_ms) if not self.permit.is_leaving else []
             elif run.phase is Phase.SENT:
                 out += self._acknowledgements.tell_progress(run, now_ms) + self._writer.await_ack(run, now_ms)
             elif run.phase is Phase.STOPPING:
@@ -157,7 +159,7 @@ class Executor:
                 out += self._pilot.stop(run, *over, now_ms) if over is not None else []
             elif now_ms >= run.started_ms + run.limit_ms:
                 out.append(self._writer.time_out(run, now_ms))
-        out += self.plans.tick(now_ms, [run.id for run in self._runs])  # last: starts may have ended above
+        out += self.plans.tick(now_ms)
         return out + self._observe(now_ms) + self._undo(now_ms) + self._pilot.set_points(now_ms)
 
     def _undo(self, now_ms: int) -> list[Output]:
@@ -182,7 +184,7 @@ class Executor:
 
     def leave(self, now_ms: int) -> list[Output]:
         """Before the process ends, begin nothing more, and stop what must not go on without it: offboard commands."""
-        self.is_leaving = True
+        self.permit.is_leaving = True
         return self._pilot.leave(now_ms)
 
     def _observe(self, now_ms: int) -> list[Output]:

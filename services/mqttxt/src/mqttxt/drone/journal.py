@@ -5,30 +5,30 @@ no second execution (the session does); it lets a restarted client report the ou
 
 After a failed write or sync the file's contents are unknown: part of a line may be there, and a later sync that
 succeeds does not show what an earlier one lost. So the next record writes the file anew.
+
+The first line has the age of the newest gap, so that a whole journal is never empty: an empty file lost its records.
 """
 
 from __future__ import annotations
 
 import errno
 import fcntl
-import json
 import logging
 import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ..core.disk import is_fault, sync_folder, write_all
-from ..errors import ConfigurationError, PayloadError
-from ..protocol.codec import encode
-from ..protocol.messages import CommandId, ResultMessage, Word
-from ..protocol.topics import FogSide
+from ..errors import ConfigurationError
+from ..protocol.messages import CommandId
+from ..security.files import replaceable
 from . import journal_front
 from .answers import Unfinished
 from .effects import Journal
 from .journal_front import Front
+from .journal_lines import front_line, gap_line, is_journal, line_of, parsed
 
 logger = logging.getLogger("mqttxt.journal")
 
@@ -38,13 +38,8 @@ MOST_OUTDATED = 1000
 """The number of outdated lines above which the file is written anew."""
 ASKED_FOR_S = 25 * 3600
 """Longer than an id can be queried: a minute until its deadline, a day's limit, ten minutes in ledgers."""
-GAP = "gap_s"
-"""The only field of the line that gives a gap's age."""
-FRONT = "front"
-"""The only field of the line that names the front, which may have records that this journal lacks."""
 GAP_NOTED_S = 60
 """How much a gap has to age before its age is written again, with the next record."""
-_LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
 class JournalFile:
@@ -53,8 +48,9 @@ class JournalFile:
 
     A gap ends when clients have run for longer than an id can be queried: `clock_s` counts that, from record to
     record. A disk that is full or fails does not end the client: `record` raises OSError until a write succeeds again.
-    Raises ConfigurationError for a path that no journal can have, and for the journal of another running process: that
-    one would go on writing to a file that this one has replaced.
+    Raises ConfigurationError for a path that no journal can have, for a file that is no journal, and for the journal of
+    another running process: that one would go on writing to a file that this one has replaced. At a symbolic link the
+    journal is where the link leads.
 
     `with_front`: use a front, which may have records before the disk does, if the disk takes its name.
     """
@@ -76,11 +72,14 @@ class JournalFile:
         self._lines = 0
         self._is_failing = False
         try:
-            if path.is_dir():
-                raise ConfigurationError(f"--journal {path}: is a folder; expected a file")
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = _lock(path)
-            if path.exists():
+            self._path = replaceable(path)
+            if not self._may_be_journal():
+                raise ConfigurationError(
+                    f"--journal {path}: no line of a journal in it; expected a journal, or no file"
+                )
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = _lock(self._path)
+            if self._path.exists():
                 self._gap_s = self._read()
             self._write_anew()
         except OSError as error:
@@ -171,7 +170,7 @@ class JournalFile:
         if age_s < self._noted_s + older_s:
             return []
         self._noted_s = age_s
-        return [json.dumps({GAP: int(age_s)}).encode("ascii") + b"\n"]
+        return [gap_line(age_s)]
 
     def _failed(self, error: OSError) -> None:
         """Close the file, whose contents are now unknown; log the first failure after a success."""
@@ -193,9 +192,9 @@ class JournalFile:
     def _write_anew(self) -> None:
         """Replace the file by one with the records that may still be queried; one of the two is whole at any time."""
         fresh = self._path.with_name(f"{self._path.name}.new")
-        lines = self._gap_lines(0)
+        lines = self._gap_lines(0) if self._gap_s is not None else [gap_line(ASKED_FOR_S)]
         if self.front is not None:
-            lines.append(json.dumps({FRONT: self.front.name}).encode("ascii") + b"\n")
+            lines.append(front_line(self.front.name))
         lines += [line_of(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
         lines += [
             line_of(Journal(left.id, left.command, left.word, left.reason, True)) for left in self._delivered.values()
@@ -231,9 +230,21 @@ class JournalFile:
         while len(self._delivered) > MOST_DELIVERED:
             del self._delivered[next(iter(self._delivered))]
 
+    def _may_be_journal(self) -> bool:
+        """Whether a journal may replace the file. What a disk does not give is not judged."""
+        try:
+            return is_journal(self._text())
+        except OSError:
+            return True
+
+    def _text(self) -> str:
+        return self._path.read_text(encoding="ascii", errors="replace")
+
     def _read(self) -> float | None:
-        """The age of the gap in seconds, None without a gap."""
-        gap_s, is_readable = self._read_lines(self._path.read_text(encoding="ascii", errors="replace"))
+        """The age of the gap in seconds, None without a gap. Without a readable line the records may be lost."""
+        gap_s, is_readable = self._read_lines(self._text())
+        if not self._lines:
+            return 0.0
         if self._left_front is not None:
             found = journal_front.read(self._left_front)
             is_readable = is_readable and found is not None and self._read_lines(found)[1]
@@ -253,23 +264,18 @@ class JournalFile:
             if not line:
                 continue
             try:
-                record = json.loads(line)
-                if list(record) == [GAP]:
-                    gap_s = _age_s(record[GAP])
-                elif list(record) == [FRONT] and isinstance(record[FRONT], str):
-                    self._left_front = record[FRONT]
-                else:
-                    self._take(*_restored(record))
-            except (ValueError, KeyError, TypeError, RecursionError, PayloadError):
+                match parsed(line):
+                    case int() as age_s:
+                        gap_s = age_s
+                    case str() as front:
+                        self._left_front = front
+                    case left, done:
+                        self._take(left, done)
+                self._lines += 1
+            except ValueError:
                 logger.warning("journal %s: line %d cannot be read and is left out", self._path, number)
                 is_readable = is_readable and number == len(lines)
         return gap_s, is_readable
-
-
-def _age_s(plain: Any) -> int:
-    if type(plain) is not int or plain < 0:
-        raise ValueError(f"{GAP} {plain!r}")
-    return plain
 
 
 def _lock(path: Path) -> int | None:
@@ -291,29 +297,3 @@ def _lock(path: Path) -> int | None:
             f"--journal {path}: another process has it; expected one for each UAV client"
         ) from None
     return file
-
-
-def line_of(effect: Journal) -> bytes:
-    """A record as a line of the journal."""
-    record = {
-        "gs_session": effect.id.gs_session,
-        "seq": effect.id.seq,
-        "command": effect.command,
-        "word": effect.word.label if effect.word is not None else None,
-        "reason": effect.reason,
-        "done": effect.done,
-    }
-    return json.dumps(record).encode("ascii") + b"\n"
-
-
-def _restored(record: Any) -> tuple[Unfinished, bool]:
-    """One record, and whether it is done. Raises one of several errors for one that `line_of` does not write."""
-    command_id = CommandId(record["gs_session"], record["seq"])
-    word = _LAST_WORDS[record["word"]] if record["word"] is not None else None
-    left = Unfinished(command_id, record["command"], word, record["reason"])
-    spoken = word or Word.UNCONFIRMED
-    encode(ResultMessage(gs_session=left.id.gs_session, seq=left.id.seq, session=1, stamp=0, word=spoken))
-    FogSide().parse(FogSide().commands_result(1, left.command))
-    if not isinstance(left.reason, str | None) or not isinstance(record["done"], bool):
-        raise ValueError("reason or done")
-    return left, record["done"]

@@ -12,7 +12,8 @@ from functools import partial
 from ..core.ledger import OVERRIDING
 from ..protocol.messages import CommandId
 from .effects import Journal
-from .journal import JournalFile, line_of
+from .journal import JournalFile
+from .journal_lines import line_of
 
 _OVERRIDING = frozenset(command.name for command in OVERRIDING)
 

@@ -93,15 +93,20 @@ class OffboardPilot:
         assert isinstance(run.command, Offboard)
         if not self._vehicle.is_alive(now_ms):
             return Word.UNCONFIRMED, "autopilot_lost"
-        if not self._has_control(run.id.gs_session, now_ms) or now_ms > max(
-            run.started_ms + LEASE_MS, self._lease.offboard_until_ms or 0
-        ):
+        if self.has_lost_lease(run, now_ms):
             return Word.FAILED, "lease_lost"
         if now_ms >= run.started_ms + run.limit_ms:
             return Word.FAILED, "timeout"
         if run.entered_mode and now_ms >= run.accepted_ms + round(run.command.duration_s * 1000):
             return Word.COMPLETED, None
         return None
+
+    def has_lost_lease(self, run: Run, now_ms: int) -> bool:
+        """Whether a flight may not go on, or begin, for want of a lease."""
+        until_ms = max(run.started_ms + LEASE_MS, self._lease.offboard_until_ms or 0)
+        return not self._has_control(run.id.gs_session, now_ms) or (
+            run.phase is not Phase.WAITING and now_ms > until_ms
+        )
 
     def stop(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
         """Command hold and brake; `word` is given once the mode has changed. If a newer flight runs, only end `run`."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..protocol.commands import SetParameter
 from ..protocol.messages import CommandId, Word
+from ..protocol.words import NOT_IN_CONTROL
 from .effects import Transmit
 from .mavlink.guarded_parameters import is_guarded
 from .mavlink.mission_protocol import Exchange, Step
@@ -15,6 +16,7 @@ from .mavlink.plans import CannotExecute
 from .mavlink.raw import Limits
 from .mavlink.vehicle import Vehicle
 from .runs import Output, Said
+from .write_permit import WritePermit
 
 
 @dataclass(eq=False)
@@ -31,11 +33,12 @@ class _Setting:
 
 
 class ParameterSettings:
-    """Sets parameters of one autopilot, within `limits`."""
+    """Sets parameters of one autopilot, within `limits`, as long as `permit` lets it write."""
 
-    def __init__(self, vehicle: Vehicle, limits: Limits) -> None:
+    def __init__(self, vehicle: Vehicle, limits: Limits, permit: WritePermit) -> None:
         self._vehicle = vehicle
         self._limits = limits
+        self._permit = permit
         self._settings: list[_Setting] = []
 
     def start(
@@ -91,14 +94,19 @@ class ParameterSettings:
 
     def _begin_next(self, now_ms: int) -> list[Output]:
         one = self._settings[0] if self._settings else None
-        if one is None or one.exchange.has_begun:
+        if one is None or one.exchange.has_begun or self._permit.is_leaving:
             return []
         if now_ms > one.deadline_ms:
             return self._end(one, Word.EXPIRED, None, now_ms)
         return self._write(one, one.exchange.begin(now_ms), now_ms)
 
     def _write(self, one: _Setting, steps: list[Step], now_ms: int) -> list[Output]:
-        """Write steps: requests at any time, each copy of the value within the deadline."""
+        """Write steps: requests at any time, each copy of the value within the deadline and the station's control."""
+        if any(step.changes for step in steps):
+            if self._permit.is_leaving:
+                return []
+            if not self._permit.has_control(one.id, now_ms):
+                return self._end(one, Word.UNCONFIRMED if one.is_written else Word.DENIED, NOT_IN_CONTROL, now_ms)
         out: list[Output] = [
             Transmit(step.message, one.deadline_ms, one.id) if step.changes else Transmit(step.message)
             for step in steps

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ..errors import PayloadError
@@ -10,13 +10,15 @@ from ..protocol.commands import ClearPlan, Resume, SetCurrentItem, StartMission,
 from ..protocol.messages import CommandId, Word
 from ..protocol.plans import PlanItem, PlanList, PlanObject
 from ..protocol.states import Armed, FlightMode, FlightModeName
+from ..protocol.words import NOT_IN_CONTROL
 from .effects import Transmit
 from .mavlink.mission_protocol import Exchange, ExchangeFailed, Step, Steps
 from .mavlink.plans import CannotExecute
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
 from .plan_lists import OtherPlan, PlanLists, check_nulls
-from .runs import Output, Said
+from .runs import Output, Runs, Said
+from .write_permit import WritePermit
 
 OfPlan = UploadPlan | ClearPlan | SetCurrentItem
 MISSION_RUNNING = "mission_running"
@@ -49,14 +51,15 @@ class _Job:
 class PlanKeeper:
     """The plan of one drone: one transfer at a time, in the order of the requests.
 
-    `staged` gives a staged object by its hash; `is_starting` returns whether a mission's start is open.
+    `staged` gives a staged object by its hash; `runs` has the open starts of missions; `permit` lets it write.
     """
 
     def __init__(
-        self, vehicle: Vehicle, staged: Callable[[bytes], bytes | None], is_starting: Callable[[], bool]
+        self, vehicle: Vehicle, staged: Callable[[bytes], bytes | None], runs: Runs, permit: WritePermit
     ) -> None:
         self._vehicle = vehicle
-        self._is_starting = is_starting
+        self._runs = runs
+        self._permit = permit
         self._lists = PlanLists(vehicle)
         self._staged = staged
         self._jobs: list[_Job] = []
@@ -118,15 +121,16 @@ class PlanKeeper:
     def on_message(self, message: object, now_ms: int) -> list[Output]:
         """A message of the autopilot, after `vehicle` was updated by it."""
         self._notice_restart()
+        self._drop_ended_starts()
         job = self._jobs[0] if self._jobs else None
         if job is None or not self._vehicle.is_own(message) or not self._is_for_us(message):
             return []
         return self._write(job, job.exchange.on_message(message, now_ms), now_ms)
 
-    def tick(self, now_ms: int, open_ids: Container[CommandId]) -> list[Output]:
-        """Repetitions, limits, and the autopilot's loss. Preparations of starts not in `open_ids` are dropped."""
+    def tick(self, now_ms: int) -> list[Output]:
+        """Repetitions, limits, and the autopilot's loss."""
         self._notice_restart()
-        self._jobs = [job for job in self._jobs if not job.is_preparation or job.id in open_ids]
+        self._drop_ended_starts()
         out = self._begin_next(now_ms)
         job = self._jobs[0] if self._jobs else None
         if job is None or job.exchange.is_over:
@@ -138,6 +142,12 @@ class PlanKeeper:
         if job.ends_ms and now_ms >= job.ends_ms:
             return out + self._end(job, now_ms, Word.FAILED, "partial, timeout" if job.is_begun else "timeout")
         return out + self._write(job, job.exchange.tick(now_ms), now_ms)
+
+    def _drop_ended_starts(self) -> None:
+        """Drop the preparations of starts that have their last word: another command may have superseded them."""
+        self._jobs = [
+            job for job in self._jobs if job.id is None or not job.is_preparation or self._runs.find(job.id) is not None
+        ]
 
     def owns(self, command_id: CommandId) -> bool:
         """Whether a write was for a command about the plan."""
@@ -175,7 +185,7 @@ class PlanKeeper:
 
     def _begin_next(self, now_ms: int) -> list[Output]:
         job = self._jobs[0] if self._jobs else None
-        if job is None or job.exchange.has_begun:
+        if job is None or job.exchange.has_begun or self._permit.is_leaving:
             return []
         return self._write(job, job.exchange.begin(now_ms), now_ms)
 
@@ -189,6 +199,11 @@ class PlanKeeper:
             if step.changes and job.changes_lists and not job.is_begun and self._is_flying_mission():
                 return [*out, *self._end(job, now_ms, Word.DENIED, MISSION_RUNNING)]
             is_bound = step.changes and job.id is not None and not (job.changes_lists and job.is_begun)
+            if is_bound and self._permit.is_leaving:
+                return out
+            if is_bound and job.id is not None and not self._permit.has_control(job.id, now_ms):
+                word = Word.UNCONFIRMED if job.is_begun else Word.DENIED
+                return [*out, *self._end(job, now_ms, word, NOT_IN_CONTROL)]
             out.append(Transmit(step.message, job.deadline_ms, job.id) if is_bound else Transmit(step.message))
         return out + (self._over(job, now_ms) if job.exchange.is_over else [])
 
@@ -223,7 +238,7 @@ class PlanKeeper:
     def _is_flying_mission(self) -> bool:
         mode = self._vehicle.seen(FlightMode)
         is_flown = mode == FlightMode(FlightModeName.MISSION) and self._vehicle.seen(Armed) == Armed(True)
-        return is_flown or self._is_starting()
+        return is_flown or self._runs.has_mission()
 
     def _is_for_us(self, message: object) -> bool:
         """Whether a message is addressed to the UAV client, or to all."""

@@ -184,7 +184,7 @@ class UavClient:
             if topic.drone != self.drone:
                 raise PayloadError(f"topic {message.topic!r}: not drone {self.drone}'s", "topic")
             if topic.kind == "commands":
-                return self.desk.on_message(message, now_ms) if not self.executor.is_leaving else []
+                return self.desk.on_message(message, now_ms) if not self.executor.permit.is_leaving else []
             return self._on_other(topic, message, now_ms)
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]

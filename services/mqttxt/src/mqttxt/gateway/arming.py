@@ -16,7 +16,7 @@ from ..station.views import Drone
 from .answers import ACCEPTED
 from .client_commands import ClientCommand
 from .clients import Client
-from .order import Order
+from .order import CommandOrder
 from .texts import send_text
 from .translation import NOT_NOW, Declined
 from .work import Work, Worker
@@ -50,7 +50,7 @@ class Arming:
 class ArmingOrder(Worker):
     """The arms of all drones and what belongs before or behind them."""
 
-    def __init__(self, work: Work, order: Order) -> None:
+    def __init__(self, work: Work, order: CommandOrder) -> None:
         super().__init__(work)
         self._order = order
         self._kept: dict[int, _KeptTakeoff] = {}

@@ -27,7 +27,7 @@ from .client_commands import (
     is_quiet,
 )
 from .clients import Client
-from .order import BY_THE_PLAN, Order
+from .order import BY_THE_PLAN, CommandOrder
 from .requests import Requests
 from .texts import send_text
 from .translation import NOT_NOW, REQUEST_OPERATOR_CONTROL, Declined, Request, command_of, name_of
@@ -48,7 +48,7 @@ class Desk(Worker):
         super().__init__(work)
         self._uploads = uploads
         self._requests = Requests(work.control.knows)
-        self._order = Order()
+        self._order = CommandOrder()
         self._arming = ArmingOrder(work, self._order)
         self._under_way = Counter[int]()
 

@@ -19,6 +19,8 @@ from ..errors import ConfigurationError
 logger = logging.getLogger("mqttxt.gateway")
 
 MOST_CONNECTIONS = 32
+SILENT_S = 30.0
+"""How long a TCP client may be connected without a message before it makes room for another one."""
 MOST_UNSENT = 256 * 1024
 """The unsent bytes above which the connection of a client that does not read is closed."""
 _READ_BYTES = 4096
@@ -94,6 +96,8 @@ class Endpoints:
         self._transports: list[asyncio.DatagramTransport] = []
         self._servers: list[asyncio.Server] = []
         self._serving: set[asyncio.Task[None]] = set()
+        self._silent_since_s: dict[asyncio.Task[None], float] = {}
+        """When the TCP clients connected that have sent no message yet, the oldest first."""
 
     async def open(self, to: list[ClientAddress], listen: list[ClientAddress]) -> None:
         """Raises ConfigurationError where an address cannot be used."""
@@ -133,18 +137,29 @@ class Endpoints:
         self._transports.append(transport)
         self.peers.append(protocol.peer)
 
+    def _makes_room(self, now_s: float) -> bool:
+        """Close the connection that has been silent for longest; False if none has been for `SILENT_S`."""
+        task, since_s = next(iter(self._silent_since_s.items()), (None, now_s))
+        if task is None or now_s - since_s < SILENT_S:
+            return False
+        del self._silent_since_s[task]
+        task.cancel()
+        return True
+
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
         self._serving.add(task)
         peer = Peer(f"tcp:{host_port(*writer.get_extra_info('peername')[:2])}", lambda packet: _write(writer, packet))
         try:
-            if len(self._serving) > MOST_CONNECTIONS:
+            clock = asyncio.get_running_loop()
+            if len(self._serving) > MOST_CONNECTIONS and not self._makes_room(clock.time()):
                 logger.warning("%s: refused; %d clients are connected", peer.name, MOST_CONNECTIONS)
                 return
             logger.info("%s: connected", peer.name)
             self.peers.append(peer)
-            frames, clock, is_first = StreamFrames(), asyncio.get_running_loop(), True
+            self._silent_since_s[task] = clock.time()
+            frames, is_first = StreamFrames(), True
             while data := await reader.read(_READ_BYTES):
                 if is_first and data[0] not in MAGIC:  # a web page can make its browser send anything here
                     logger.warning("%s: refused; it does not begin with a MAVLink frame", peer.name)
@@ -152,6 +167,7 @@ class Endpoints:
                 is_first = False
                 for found in frames.feed(data, clock.time()):
                     if not isinstance(found, Malformed):
+                        self._silent_since_s.pop(task, None)
                         self._on_message(peer, found)
                 await asyncio.sleep(0)  # `read` returns at once while there is more
         except (ConnectionError, asyncio.CancelledError):
@@ -159,6 +175,7 @@ class Endpoints:
         finally:
             writer.transport.abort()
             self._serving.discard(task)
+            self._silent_since_s.pop(task, None)
             if peer in self.peers:
                 self.peers.remove(peer)
                 self._on_gone(peer)

@@ -14,7 +14,7 @@ _BESIDE = (*BY_THE_PLAN, Takeoff, Stream, Mavlink)
 """Commands behind which an older one is still sent; behind any other command it is not."""
 
 
-class Order:
+class CommandOrder:
     """The places of all clients' commands, counted in the order in which the gateway received them."""
 
     def __init__(self) -> None:

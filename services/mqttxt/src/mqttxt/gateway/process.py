@@ -12,7 +12,6 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..core.clock import SessionClock
-from ..core.hearing import STALL_MS
 from ..drone.mavlink.plans import AUTOPILOT_COMPONENT
 from ..errors import MqttxtError
 from ..protocol.mavlink_states import kinds
@@ -44,6 +43,7 @@ from .parameters import MESSAGES as PARAMETER_MESSAGES
 from .parameters import ClientParameters
 from .plan_copies import PlanCopies
 from .settings import ClientSettings
+from .standstill import Standstill
 from .telemetry import LOCAL, Turns, View
 from .texts import send_text
 from .translation import Request, is_of_protocol
@@ -60,12 +60,6 @@ TEXT_AGE_MS = 10_000
 """The age from which on a text is not shown: it was meant for earlier clients."""
 CONFLICT_MS = 10_000
 """How long a drone stays hidden at a socket after a client there has used its id."""
-DRAINING_MS = 500
-"""How long a process that stood still takes to read what its clients have sent meanwhile."""
-LONGEST_DRAINING_MS = 3_000
-"""More than a socket's buffer takes to read: later messages are new ones, however many they are."""
-MOST_PER_TICK = 20
-"""Messages in one tick above which they are those that waited: clients send a few per second, as they come."""
 _COMMANDS = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_SET_CURRENT")
 _AT_ONCE = {
     Armed.name: "HEARTBEAT",
@@ -107,7 +101,7 @@ class Gateway:
         self._unknown: set[int] = set()
         self._conflicts: dict[tuple[Peer, int], int] = {}
         self._clock = SessionClock()
-        self._ticked_ms = self._stalled_ms = self._late_until_ms = self._late = 0
+        self._standstill = Standstill()
         self._copies = PlanCopies()
         self._parameter_copies = ParameterCopies()
         self._reached: dict[int, int] = {}
@@ -207,7 +201,8 @@ class Gateway:
         next_review_ms = 0
         while True:
             now_ms, drones = self._now_ms(), self._drones()
-            self._notice(now_ms)
+            if self._standstill.is_over(now_ms):
+                serving.desk.on_stall()
             for drone in drones.values():
                 self._show(drone)
             serving.desk.tick(now_ms)
@@ -220,26 +215,6 @@ class Gateway:
                 for drone in drones.values():
                     self._control.review(drone, self._view(drone).get(Armed))
             await asyncio.sleep(TICK_S)
-
-    def _notice(self, now_ms: int) -> None:
-        """Notice that the process stood still since the last tick, or still reads what waited in that time."""
-        pause_ms = now_ms - self._ticked_ms
-        if pause_ms > STALL_MS:
-            logger.warning("stood still for %.1f s: what clients sent meanwhile is not executed", pause_ms / 1000)
-            self._stalled_ms = now_ms
-            if self._serving is not None:
-                self._serving.desk.on_stall()
-        is_draining = self._late > MOST_PER_TICK and now_ms < self._stalled_ms + LONGEST_DRAINING_MS
-        if pause_ms > STALL_MS or is_draining:
-            self._late_until_ms = now_ms + DRAINING_MS
-        self._ticked_ms, self._late = now_ms, 0
-
-    def _is_late(self) -> bool:
-        """Whether a message that is read now may have waited while the process stood still."""
-        now_ms = self._now_ms()
-        is_late = now_ms < self._late_until_ms or now_ms - self._ticked_ms > STALL_MS
-        self._late += is_late
-        return is_late
 
     def _show(self, drone: Drone) -> None:
         due = self._turns.due(drone.number, self._now_ms())
@@ -270,7 +245,7 @@ class Gateway:
     def _on_message(self, peer: Peer, message: Any) -> None:
         """Handle a client's message. Ignored are those to no drone here, and from a client with a drone's id."""
         client = Client(peer, message.get_srcSystem(), message.get_srcComponent())
-        drones, kind, is_late = self._drones(), message.get_type(), self._is_late()
+        drones, kind, is_late = self._drones(), message.get_type(), self._standstill.is_late(self._now_ms())
         if client.system in drones:
             self._refuse(client)
             return

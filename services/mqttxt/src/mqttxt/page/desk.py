@@ -67,7 +67,7 @@ class Order:
         }
 
 
-class Desk:
+class OrderDesk:
     """Sends the commands that pages request.
 
     Parameters:

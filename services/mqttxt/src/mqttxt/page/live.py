@@ -14,7 +14,7 @@ from ..station.ground_station import GroundStation
 from ..station.outcomes import ControlChanged, Event, PsmiList, QodsRanking, Reachability, StateUpdate
 from ..station.plan import Plan
 from ..station.views import TTL_S, Drone, Fog
-from .desk import Desk, Order
+from .desk import Order, OrderDesk
 from .drafts import Draft, draft_of, path_of
 from .event_log import EventLog, as_plain
 from .fleet import STALE_MS, drone_of, fog_of, name_of, standing_of
@@ -128,7 +128,7 @@ class Live:
         self._links = links
         self._linking = asyncio.Lock()
         self._group: asyncio.TaskGroup | None = None
-        self._desk: Desk | None = None
+        self._desk: OrderDesk | None = None
         self._viewers: set[Viewer] = set()
         self._seen = self._standing()
         for _, drone in self.drones().values():
@@ -141,7 +141,7 @@ class Live:
             async with asyncio.TaskGroup() as group:
                 self._group = group
                 if not self._watch_only:
-                    self._desk = Desk(self._station, self.fogs, self.log, group, self._on_order, self._places)
+                    self._desk = OrderDesk(self._station, self.fogs, self.log, group, self._on_order, self._places)
                 reviewing = [group.create_task(self._review())]
                 if self._links is not None:
                     reviewing.append(group.create_task(self._look(self._links)))

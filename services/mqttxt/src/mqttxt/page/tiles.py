@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gzip
 import re
 import zlib
 from collections.abc import AsyncIterator, Callable
@@ -33,7 +32,7 @@ _SHAPES = (".mvt", ".pbf")
 _HIGHEST = {True: 14, False: 19}
 """The highest zoom of tile servers: for vector tiles, and for pictures."""
 _MARKUP = re.compile(r"<[^>]*>")
-_BROKEN = (OSError, EOFError, ValueError, LookupError, zlib.error)
+_BROKEN = (OSError, EOFError, ValueError, LookupError, OverflowError, MemoryError, RecursionError, zlib.error)
 """The exceptions of reading a file that is invalid or incomplete."""
 
 
@@ -92,8 +91,9 @@ class TileFile:
         path = Path(source)
         try:
             path.open("rb").close()
-        except OSError as error:
-            raise ConfigurationError(f"--tiles {source}: {error.strerror}; {_EXPECTED}") from error
+        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+            why = error.strerror if isinstance(error, OSError) else error
+            raise ConfigurationError(f"--tiles {printable(source)}: {why}; {_EXPECTED}") from error
         self._reader = Reader(_bytes_of(path))
         try:
             header, metadata = self._reader.header(), self._reader.metadata()
@@ -115,7 +115,7 @@ class TileFile:
     def _read(self, zoom: int, x: int, y: int) -> bytes | None:
         try:
             found: bytes | None = self._reader.get(zoom, x, y)
-            return gzip.decompress(found) if found and self._packing is Compression.GZIP else found
+            return _unpacked(found) if found and self._packing is Compression.GZIP else found
         except _BROKEN as error:
             raise TileError(f"tile {zoom}/{x}/{y}: cannot be read: {printable(str(error))}") from error
 
@@ -176,9 +176,20 @@ def _bytes_of(path: Path) -> Callable[[int, int], bytes]:
     def read(offset: int, length: int) -> bytes:
         with path.open("rb") as file:
             file.seek(offset)
-            return file.read(length)
+            return file.read(min(length, path.stat().st_size))  # a damaged file may name any length
 
     return read
+
+
+def _unpacked(packed: bytes) -> bytes:
+    """A tile without its gzip compression; raises ValueError for one that is too large, EOFError for a part of one."""
+    unpacker = zlib.decompressobj(wbits=16 + zlib.MAX_WBITS)
+    found = unpacker.decompress(packed, MOST_TILE_BYTES + 1)
+    if len(found) > MOST_TILE_BYTES:
+        raise ValueError(f"larger than {MOST_TILE_BYTES} bytes")
+    if not unpacker.eof:
+        raise EOFError("its end is missing")
+    return found
 
 
 def _credit(metadata: object) -> str:

@@ -11,6 +11,8 @@ from .audit_chain import BEGINNING, Line, Link
 from .fleet import Fleet
 
 LONGEST_LINE = 1_000_000
+_MOST_DIGITS = 19
+"""The digits of the largest number of a line, in 64 bits."""
 
 
 def logs_of(files: Iterable[Path]) -> dict[Path, list[Path]]:
@@ -38,7 +40,7 @@ def older_files(file: Path) -> list[Path]:
 
 def _number(file: Path) -> int:
     digits = file.suffix[1:]
-    return int(digits) if digits.isascii() and digits.isdecimal() else 0
+    return int(digits) if digits.isascii() and digits.isdecimal() and len(digits) <= _MOST_DIGITS else 0
 
 
 @dataclass

@@ -63,7 +63,7 @@ class Authority:
     @classmethod
     def load(cls, folder: Path) -> Authority:
         """Load the fleet of a folder that `create` made."""
-        if not (folder / AUTHORITY_FILE).exists():
+        if not files.is_there(folder / AUTHORITY_FILE):
             raise ConfigurationError(f"{folder}: no {AUTHORITY_FILE}; expected a folder of `mqttxt keys init`")
         key = read_key(folder / AUTHORITY_FILE)
         fleet = Fleet.load(folder)
@@ -84,13 +84,9 @@ class Authority:
         `hosts` are the names and addresses at which a broker is reached; loopback is always included. A revoked
         identity of the node is kept as `NAME~`.
         """
+        self.check_new(name)
         node = NodeName.parse(name)
         folder = self.folder / str(node)
-        if self.has(name):
-            raise ConfigurationError(
-                f"{folder}: is there; expected a node that has no identity yet; for a new key "
-                f"`mqttxt keys renew {node}`, for other rights `mqttxt keys revoke {node}` before"
-            )
         fresh = self._made(node, rights or Rights(), days, tuple(hosts), not_before)
         self._put_in_place(fresh, folder)
         return folder
@@ -104,12 +100,12 @@ class Authority:
         """
         node = NodeName.parse(name)
         folder = self.folder / str(node)
-        if not folder.is_dir():
+        if not files.is_folder(folder):
             raise ConfigurationError(f"{folder}: no such folder; expected a node that `mqttxt keys issue` made")
         old = self._current(node)
         if self._is_revoked(old):
             raise ConfigurationError(f"{folder}: revoked; expected `mqttxt keys issue`, with rights of its own")
-        lifetime = days if days is not None else (old.not_after_s - old.not_before_s) / 86_400
+        lifetime = days if days is not None else _days_of(old)
         self._put_in_place(self._made(node, old.rights, lifetime, tuple(hosts) or hosts_of(old), None), folder)
         return folder
 
@@ -149,6 +145,15 @@ class Authority:
         node = NodeName.parse(name)
         return (self.folder / str(node)).exists() and not self._is_revoked(self._current(node))
 
+    def check_new(self, name: str) -> None:
+        """Raises ConfigurationError if a node has an identity here that is not revoked."""
+        if self.has(name):
+            node = NodeName.parse(name)
+            raise ConfigurationError(
+                f"{self.folder / str(node)}: is there; expected a node that has no identity yet; for a new key "
+                f"`mqttxt keys renew {node}`, for other rights `mqttxt keys revoke {node}` before"
+            )
+
     def _current(self, node: NodeName) -> Certificate:
         """The certificate in a node's folder; raises ConfigurationError."""
         return read_certificate(self.folder / str(node) / CERTIFICATE_FILE)
@@ -183,8 +188,13 @@ class Authority:
             raise ConfigurationError(f"hosts for {node}: expected a broker")
         if not 0 < days <= AUTHORITY_DAYS:
             raise ConfigurationError(f"days {days:g}: expected more than 0 and at most {AUTHORITY_DAYS}")
-        start = not_before or datetime.now(UTC) - BACKDATED
-        end = min(start + timedelta(days=days), self.fleet.authority.not_valid_after_utc)
+        now = datetime.now(UTC)
+        start = not_before or now - BACKDATED
+        end = min((not_before or now) + timedelta(days=days), self.fleet.authority.not_valid_after_utc)
+        if not_before is None and end.replace(microsecond=0) <= now:  # a certificate has whole seconds
+            raise ConfigurationError(
+                f"days {days:g}: it would end at {end:%Y-%m-%d %H:%M:%S} UTC; expected a later end"
+            )
         key = Ed25519PrivateKey.generate()
         certificate = signed_certificate(self._key, self.fleet, key.public_key(), node, rights, hosts, start, end)
         folder = self.folder / f".{node}.new"
@@ -209,6 +219,11 @@ class Authority:
             files.write(folder / REVOKED_FILE, revoked)
             if Certificate.from_pem(files.read(certificate), str(certificate)).node.kind is Kind.BROKER:
                 files.write(folder / MEMBERS_FILE, members)
+
+
+def _days_of(certificate: Certificate) -> float:
+    """The days for which a certificate was issued: those of `issue`, which dates its start back."""
+    return (certificate.not_after_s - certificate.not_before_s - BACKDATED.total_seconds()) / 86_400
 
 
 def hosts_of(certificate: Certificate) -> tuple[str, ...]:

@@ -108,10 +108,13 @@ class BrokerFiles:
 
         `newest` as for `write_access`.
         """
+        folder, access = self.identity.folder.resolve(), (out / ACCESS_FILE).resolve()
+        for path in (folder, access):
+            if not str(path).isprintable():
+                raise ConfigurationError(f"{str(path)!r}: {CONFIGURATION_FILE} names it; expected printable characters")
         with files.changing(out):
             out.mkdir(parents=True, exist_ok=True)
         self.write_access(out, newest)
-        folder = self.identity.folder.resolve()
         text = _CONFIGURATION.format(
             limits=LIMITS,
             connections=MOST_CONNECTIONS,
@@ -123,7 +126,7 @@ class BrokerFiles:
             certificate=folder / CERTIFICATE_FILE,
             key=folder / KEY_FILE,
             revoked=folder / REVOKED_FILE,
-            access=(out / ACCESS_FILE).resolve(),
+            access=access,
         )
         files.write(out / CONFIGURATION_FILE, text.encode())
         return out / CONFIGURATION_FILE

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from ..errors import ConfigurationError
 from .broker import BrokerFiles
+from .files import is_folder
 from .fleet import Fleet
 from .identity import CERTIFICATE_FILE, KEY_FILE, check_pair, check_valid, read_certificate, read_key
 from .names import Kind
@@ -29,7 +30,7 @@ def problems(folder: Path, system: Callable[[], float] = time.time) -> list[str]
                 found.append(str(error))
             return None
 
-    if not folder.is_dir():
+    if not is_folder(folder, f"identity {folder}"):
         return [f"identity {folder}: no such folder; expected one of `mqttxt keys issue`"]
     key = tried(lambda: read_key(folder / KEY_FILE))
     certificate = tried(lambda: read_certificate(folder / CERTIFICATE_FILE))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import stat
 import tempfile
@@ -31,6 +32,56 @@ def read(path: Path, *, private: bool = False) -> bytes:
     if len(found) > MOST_BYTES:
         raise ConfigurationError(f"{path}: longer than {MOST_BYTES} bytes; expected a PEM file")
     return found
+
+
+def is_folder(path: Path, name: str = "") -> bool:
+    """Whether a path leads to a folder. Raises ConfigurationError, which names the path or `name`, if none can tell."""
+    mode = _mode(path, name)
+    return mode is not None and stat.S_ISDIR(mode)
+
+
+def is_there(path: Path) -> bool:
+    """Whether a path leads to anything. Raises ConfigurationError if none can tell, as of a name that is too long."""
+    return _mode(path) is not None
+
+
+def _mode(path: Path, name: str = "") -> int | None:
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        what = name or str(path)
+        raise ConfigurationError(f"{what}: {error.strerror or error}; expected a path that can be read") from error
+
+
+def replaceable(path: Path) -> Path:
+    """The path of the file that `path` leads to, for replacing it, behind symbolic links: a link stays a link.
+
+    Raises OSError if there is something else than a regular file, as a device, which replacing would remove.
+    """
+    target = Path(os.path.realpath(path)) if os.path.islink(path) else path
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return target
+    if stat.S_ISDIR(mode):
+        raise OSError(errno.EISDIR, "is a folder")
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "not a regular file")
+    return target
+
+
+def named_by_user(path: Path) -> Path:
+    """The file to write for a path that a user names; raises ConfigurationError if no file can be written there."""
+    try:
+        target = replaceable(path)
+        if not target.parent.is_dir():
+            raise OSError(errno.ENOENT, "no such folder")
+    except OSError as error:
+        why = error.strerror or error
+        raise ConfigurationError(f"{path}: {why}; expected a file in a folder that exists") from error
+    return target
 
 
 @contextlib.contextmanager

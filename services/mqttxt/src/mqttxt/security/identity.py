@@ -47,7 +47,7 @@ class Identity:
     @classmethod
     def load(cls, folder: Path, system: Callable[[], float] = time.time) -> Identity:
         """Load a folder; raises ConfigurationError, in one line, for the first thing that is wrong with it."""
-        if not folder.is_dir():
+        if not files.is_folder(folder, f"identity {folder}"):
             raise ConfigurationError(f"identity {folder}: no such folder; expected one of `mqttxt keys issue`")
         key = read_key(folder / KEY_FILE)
         certificate = read_certificate(folder / CERTIFICATE_FILE)

@@ -21,7 +21,8 @@ AUTHORITY_DAYS = 10_957
 """30 years: an authority is not renewed; a new fleet is made instead."""
 BACKDATED = timedelta(minutes=5)
 """How far the start of validity is dated back, because the clocks of a fleet's machines differ."""
-_HOST = re.compile(r"[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*")
+_HOST = re.compile(r"(?!(.*\.)?[0-9]+$)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*")
+"""A DNS name. What ends with a number is an address, or one with a mistake (RFC 1123, 2.1)."""
 _LOOPBACK = ("127.0.0.1", "::1")
 
 

@@ -24,6 +24,7 @@ OFFBOARD_RENEWAL_MS = 1000
 """How often a station with an open offboard command registers again (R6.11) and signs grants."""
 LEASE_S = 30
 """The length of a station's lease at a fog (R6.1)."""
+RENEWAL_MS = LEASE_S * 1000 // 3
 OFFBOARD_GRANT_MS = 3000
 """How long an offboard command may go on after its station's newest grant."""
 BEACONS_MS = 2000
@@ -158,7 +159,7 @@ class FogView:
         confirmed = asked_ms is not None and not self.registered
         if confirmed:
             self._confirmed_ms = now_ms
-            self._next_registration_ms = self._registered_ms + self._renewal_ms
+            self._next_registration_ms = self._registered_ms + RENEWAL_MS
         self.registered = self.registered or asked_ms is not None
         return self._review(now_ms), confirmed
 
@@ -233,17 +234,13 @@ class FogView:
             ]
         return out, self._review(now_ms)
 
-    @property
-    def _renewal_ms(self) -> int:
-        return LEASE_S * 1000 // 3
-
     def _grant_due_ms(self, drone: DroneView) -> int:
-        granted_ms = drone.next_grant_ms - self._renewal_ms
+        granted_ms = drone.next_grant_ms - RENEWAL_MS
         return min(drone.next_grant_ms, granted_ms + OFFBOARD_RENEWAL_MS) if self.in_offboard else drone.next_grant_ms
 
     def _grant(self, drone: DroneView, clock: RemoteClock, now_ms: int) -> Publish:
         """A signed grant, by which the drone itself judges this station's control. The clock has had a beacon."""
-        drone.next_grant_ms = now_ms + self._renewal_ms
+        drone.next_grant_ms = now_ms + RENEWAL_MS
         until_ms, offboard_ms = (
             clock.deadline_ms(now_ms, ttl_ms) or 0 for ttl_ms in (LEASE_S * 1000, OFFBOARD_GRANT_MS)
         )
@@ -271,7 +268,7 @@ class FogView:
             del self._nonces[next(iter(self._nonces))]
         self._registered_ms = now_ms
         is_signed = self.channel.seal is not None
-        self._next_registration_ms = now_ms + (self._renewal_ms if self.registered else RESEND_FIRST_MS)
+        self._next_registration_ms = now_ms + (RENEWAL_MS if self.registered else RESEND_FIRST_MS)
         until_ms = self.clock.deadline_ms(now_ms, LEASE_S * 1000) if self.clock is not None else None
         if is_signed and until_ms is None:
             lease_s, self._questioned_ms = 0, now_ms
@@ -301,12 +298,8 @@ class FogView:
         if not self.registered:
             return False
         drones = [drone for drone in self.drones.values() if drone.record is not None and drone.record.up]
-        is_told = self._has_records() and all(map(self._can_address, drones))
-        return is_told or now_ms >= self._confirmed_ms + BEACONS_MS
-
-    def _has_records(self) -> bool:
-        """Whether the activator's session has published the record of each of its configured drones."""
-        return all(number in self.drones and self._is_told(self.drones[number]) for number in self.configured)
+        has_records = all(number in self.drones and self._is_told(self.drones[number]) for number in self.configured)
+        return (has_records and all(map(self._can_address, drones))) or now_ms >= self._confirmed_ms + BEACONS_MS
 
     def _can_address(self, drone: DroneView) -> bool:
         """Whether a command can be addressed to a drone: a signed one names the drone's session."""

@@ -22,6 +22,7 @@ from .best import best
 from .heard import EventStream, SentCommand
 from .outcomes import Outcome, PsmiList
 from .process import StationRunner
+from .readiness import missing, share_list, signs_otherwise
 from .role import StationRole
 from .views import TAKEOVER_S, TTL_S, Drone, Fog
 
@@ -148,9 +149,9 @@ class GroundStation:
             await runner.wait_until(lambda: all(view.is_ready(runner.clock.now_ms()) for view in views), timeout_s)
         except TimeoutError:
             late = [view for view in views if not view.is_ready(runner.clock.now_ms())]
-            missing = "; ".join(f"fog {view.number}: {runner.missing(view)}" for view in late)
-            kind = SigningDiffers if any(map(runner.signs_otherwise, late)) else FogUnreachable
-            raise kind(f"{missing} (waited {timeout_s:g} s)") from None
+            lacks = "; ".join(f"fog {view.number}: {missing(runner, view)}" for view in late)
+            kind = SigningDiffers if any(signs_otherwise(runner, view) for view in late) else FogUnreachable
+            raise kind(f"{lacks} (waited {timeout_s:g} s)") from None
         return [Fog(runner, view) for view in views]
 
     @property
@@ -224,7 +225,7 @@ class GroundStation:
         """
         if self._runner.identity is None:
             raise ConfigurationError("share_list: expected a station with an identity")
-        return await self._runner.share_list(timeout_s)
+        return await share_list(self._runner, timeout_s)
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Wait until a condition holds. It is evaluated after every message, and twenty times per second.

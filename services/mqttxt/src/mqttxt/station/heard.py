@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 from .outcomes import Event
 
 Answer = TypeVar("Answer")
-Said = TypeVar("Said")
+Heard = TypeVar("Heard")
 
 
 class Bell:
@@ -31,16 +31,16 @@ class Bell:
         await asyncio.wait({self._next})
 
 
-class Record(Generic[Said]):
+class Record(Generic[Heard]):
     """The words so far, in their order, for any number of waiting tasks."""
 
     def __init__(self) -> None:
-        self.said: deque[Said] = deque()
+        self.said: deque[Heard] = deque()
         self._bell = Bell()
         self._has_ended = False
         self._error: BaseException | None = None
 
-    def hear(self, said: Said) -> None:
+    def hear(self, said: Heard) -> None:
         self.said.append(said)
         self._bell.ring()
 
@@ -60,7 +60,7 @@ class Record(Generic[Said]):
         return True
 
 
-class SentCommand(Generic[Answer, Said]):
+class SentCommand(Generic[Answer, Heard]):
     """A command that was sent. Await it for its answer, or iterate over it to follow its words.
 
     The call that returns this object has sent the command, once. No use of the object sends the command again, takes it
@@ -80,7 +80,7 @@ class SentCommand(Generic[Answer, Said]):
     ended the station: whether the command is carried out is then not known.
     """
 
-    def __init__(self, record: Record[Said], answer: Callable[[Sequence[Said]], Answer]) -> None:
+    def __init__(self, record: Record[Heard], answer: Callable[[Sequence[Heard]], Answer]) -> None:
         self._record = record
         self._answer = answer
 
@@ -91,7 +91,7 @@ class SentCommand(Generic[Answer, Said]):
     def __await__(self) -> Generator[None, None, Answer]:
         return self._wait().__await__()
 
-    async def __aiter__(self) -> AsyncIterator[Said]:
+    async def __aiter__(self) -> AsyncIterator[Heard]:
         told = 0
         while await self._record.more_than(told):
             yield self._record.said[told]

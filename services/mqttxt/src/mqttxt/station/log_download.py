@@ -16,9 +16,10 @@ from pathlib import Path
 from ..errors import ConfigurationError, TransferFailed
 from ..protocol.fields import HASH_BYTES
 from ..protocol.logs import FlightLog
+from ..security.files import named_by_user
 from .fog import FogView
 from .log_transfers import LogPieces, LogWait
-from .process import StationRunner
+from .process import StationRunner, check_timeout
 from .transfers import ATTEMPTS
 
 LEAST_BYTES_S, MOST_BYTES_S = 1024, 131_072
@@ -60,8 +61,9 @@ class LogDownload:
 
     async def run(self, timeout_s: float | None) -> None:
         """`Drone.download_log`."""
-        if timeout_s is not None and not timeout_s > 0:
-            raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")
+        if timeout_s is not None:
+            check_timeout(timeout_s)
+        self._path = await asyncio.to_thread(named_by_user, self._path)
         try:
             async with asyncio.timeout(timeout_s) as limit:
                 for attempt in range(ATTEMPTS):

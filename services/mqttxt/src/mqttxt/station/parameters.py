@@ -10,7 +10,7 @@ from typing import Final, Self
 
 from ..errors import ConfigurationError, PayloadError
 from ..protocol.parameters import Parameter, ParameterSet, ParameterType
-from ..security.files import write
+from ..security.files import named_by_user, write
 
 AUTOPILOT: Final = 1
 """The MAVLink component id of the autopilot."""
@@ -103,18 +103,18 @@ class Parameters:
         return cls(ParameterSet.of(found.values()))
 
     def save(self, path: Path | str, drone: int = 1) -> None:
-        """Write a `.params` file that QGroundControl opens; an existing file is replaced.
+        """Write a `.params` file that QGroundControl opens; an existing file is replaced, behind symbolic links.
 
         Parameters:
             path: the file.
             drone: the drone's number, which the file names.
 
         Raises:
-            ConfigurationError: the file cannot be written; an existing one is unchanged.
+            ConfigurationError: the file cannot be written, or is no regular one; an existing one is unchanged.
         """
         lines = [f"# Onboard parameters for Vehicle {drone}", "#", "# Vehicle-Id Component-Id Name Value Type"]
         lines += [f"{drone}\t{AUTOPILOT}\t{one.name}\t{one}\t{int(one.type)}" for one in self.content]
-        write(Path(path), ("\n".join(lines) + "\n").encode())
+        write(named_by_user(Path(path)), ("\n".join(lines) + "\n").encode())
 
 
 def _parsed(line: str) -> Parameter | None:

@@ -9,7 +9,7 @@ from typing import NoReturn, Self
 
 from ..errors import ConfigurationError, PayloadError
 from ..protocol.plans import PlanList, PlanObject, list_hash
-from ..security.files import write
+from ..security.files import named_by_user, write
 from .plan_reading import read
 from .plan_writing import document_of
 
@@ -71,16 +71,16 @@ class Plan:
         return cls(content, home)
 
     def save(self, path: Path | str) -> None:
-        """Write a `.plan` file that QGroundControl opens; an existing file is replaced.
+        """Write a `.plan` file that QGroundControl opens; an existing file is replaced, behind symbolic links.
 
         Parameters:
             path: the file.
 
         Raises:
-            ConfigurationError: the file cannot be written; an existing one is unchanged.
+            ConfigurationError: the file cannot be written, or is no regular one; an existing one is unchanged.
         """
         document = json.dumps(document_of(self.content, self.home), indent=4) + "\n"
-        write(Path(path), document.encode())
+        write(named_by_user(Path(path)), document.encode())
 
     def __str__(self) -> str:
         counts = ", ".join(f"{len(items)} {_ITEMS[kind]}" for kind, items in self.content.lists.items())

@@ -223,32 +223,13 @@ class StationRunner(Runner):
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """`GroundStation.wait_until`."""
-        _check_timeout(timeout_s)
+        check_timeout(timeout_s)
         self._check_loop()
         async with asyncio.timeout(timeout_s if timeout_s < float("inf") else None):
             while not condition():
                 if self._has_ended:
                     self.check()
                 await self._carried_out.wait()
-
-    async def share_list(self, timeout_s: float) -> int:
-        """Wait until the cloud broker has this station's revocation list or a newer one; returns the list's number.
-
-        Raises FogUnreachable where the broker does not show it in time.
-        """
-        _check_timeout(timeout_s)
-        assert self.identity is not None
-        link = self.links[LINK]
-        try:
-            await self.wait_until(lambda: self.station.connected and self.lists.is_shown(LINK), timeout_s)
-        except TimeoutError:
-            failure = f" ({link.failure})" if link.failure else ""
-            missing = "does not show the revocation list: is its access list new enough (`mqttxt broker`)?"
-            raise FogUnreachable(
-                f"{link.address}: {missing if self.station.connected else f'no connection{failure}'} "
-                f"(waited {timeout_s:g} s)"
-            ) from None
-        return self.identity.fleet.revoked.number
 
     async def transfer(
         self, transfer: Transfer, timeout_s: float | None, on_news: Callable[[], Awaitable[None]] | None = None
@@ -258,7 +239,7 @@ class StationRunner(Runner):
         `on_news` is awaited whenever the transfer has news; an exception in it ends the transfer.
         """
         if timeout_s is not None:
-            _check_timeout(timeout_s)
+            check_timeout(timeout_s)
         self.check()
         self.carry_out(self.station.transfers.begin(transfer, self.clock.now_ms()))
         try:
@@ -280,7 +261,7 @@ class StationRunner(Runner):
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None, timeout_s: float) -> None:
         """`GroundStation.take_over`."""
-        _check_timeout(timeout_s)
+        check_timeout(timeout_s)
         self.check()
         self.carry_out(self.station.take_over(fog, drones, self.clock.now_ms()))
         view = self.station.fogs[fog]
@@ -294,27 +275,6 @@ class StationRunner(Runner):
         """`Drone.claim` and `Drone.release`."""
         self.check()
         self.carry_out(self.station.claim(fog, drone, wanted, self.clock.now_ms()))
-
-    def signs_otherwise(self, view: FogView) -> bool:
-        """Whether a fog's activator signs messages and this station does not, or the reverse."""
-        return view.subscribed and not view.up and view.is_signed not in (None, self.station.signs)
-
-    def missing(self, view: FogView) -> str:
-        """Why commands cannot be sent to a fog yet, for an error."""
-        link = self.links[LINK]
-        if not self.station.connected:
-            return f"no connection to {link.address}{f' ({link.failure})' if link.failure else ''}"
-        if not view.subscribed:
-            return f"{link.address} has not granted the subscription"
-        if self.signs_otherwise(view):
-            return f"its activator {'signs' if view.is_signed else 'does not sign'} messages and this station " + (
-                "does not; expected `signed` beside `identity`" if view.is_signed else "does; expected no `signed`"
-            )
-        if not view.up:
-            return f"no activator is at {link.address}"
-        if view.registered and self.station.signs:
-            return "no signed beacon of a drone that is reachable has come"
-        return "its activator has not confirmed the registration"
 
     def carried_out(self) -> None:
         pending = self.station.commands.pending
@@ -348,6 +308,7 @@ class StationRunner(Runner):
         self._carried_out.ring()
 
 
-def _check_timeout(timeout_s: float) -> None:
+def check_timeout(timeout_s: float) -> None:
+    """Raises ConfigurationError unless it is above 0."""
     if not timeout_s > 0:
         raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")

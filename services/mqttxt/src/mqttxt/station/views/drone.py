@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar, cast
+from typing import TypeVar, cast
 
 from ...errors import ConfigurationError, NotInControl, PayloadError, TransferFailed
 from ...protocol.commands import Command, UploadPlan
@@ -24,6 +23,7 @@ from ..plan import Plan
 from ..process import StationRunner
 from ..transfers import Fetching, Staging
 from .commands import TTL_S, DroneCommands
+from .known_state import KnownState
 
 TAKEOVER_S = 10.0
 UPLOAD_TTL_S = 30.0
@@ -31,22 +31,8 @@ UPLOAD_TTL_S = 30.0
 _STAGINGS = 3
 """How often a plan is staged at most. A drone that restarts before the commit no longer has it."""
 
-AState = TypeVar("AState", bound=State)
 AVitalState = TypeVar("AVitalState", bound=VitalState)
 AnObject = TypeVar("AnObject")
-
-
-@dataclass(frozen=True)
-class KnownState(Generic[AState]):
-    """A state as it last arrived.
-
-    Parameters:
-        state: the value.
-        age_ms: an upper bound of its age now, in milliseconds; None where the fog's clock is not known yet.
-    """
-
-    state: AState
-    age_ms: int | None
 
 
 class Drone(DroneCommands):
@@ -271,7 +257,7 @@ class Drone(DroneCommands):
         timeout_s: float | None = None,
         progress: Callable[[LogProgress], None] | None = None,
     ) -> None:
-        """Download one of the logs that `logs` listed into a file; an existing file is replaced.
+        """Download one of the logs that `logs` listed into a file; an existing one is replaced, behind links.
 
         The drone first reads the log from its autopilot, for which it must be disarmed, and then sends it, in flight
         too. An interrupted download continues where it stopped: the received bytes are in a hidden file beside `path`
@@ -287,7 +273,7 @@ class Drone(DroneCommands):
         Raises:
             TransferFailed: the drone did not deliver it in time, is armed, no longer has it, or cannot store it.
             NotInControl: this station does not control the drone.
-            ConfigurationError: the file cannot be written, or a number is invalid.
+            ConfigurationError: the file cannot be written, or is no regular one; or a number is invalid.
             StationEnded, BrokerRefused: the station has ended.
         """
         self._check_control()

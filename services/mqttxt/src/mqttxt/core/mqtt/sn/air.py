@@ -14,9 +14,9 @@ from ...effects import Inbound, Publish, Subscribe, Unsubscribe, Will
 from ..connection import Connection
 from ..tls import client_context
 from .air_client import AirClient
-from .gateway import Address, Gateway
+from .gateway import Address, AirGateway
 from .packets import CONGESTION
-from .together import Told
+from .together import AirMessage
 from .topic_ids import TopicIds
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class _ToBroker:
         self._air.tasks.add(self._task)
         self._task.add_done_callback(self._air.tasks.discard)
 
-    def publish(self, told: Told, ref: Hashable) -> None:
+    def publish(self, told: AirMessage, ref: Hashable) -> None:
         if self._connection is not None:
             publish = Publish(BROKER_SIDE, told.topic, told.payload, told.qos, told.retain, ref=ref)
             code = self._connection.publish(publish)
@@ -142,7 +142,7 @@ class Air(asyncio.DatagramProtocol):
         self.count = count
         self.tasks: set[asyncio.Task[None]] = set()
         self.identity = identity
-        self._gateway = Gateway(
+        self._gateway = AirGateway(
             TopicIds(root), self._send, lambda client: _ToBroker(self, client), count, self._is_newer_list
         )
         self._transport: asyncio.DatagramTransport | None = None

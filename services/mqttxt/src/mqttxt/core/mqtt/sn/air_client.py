@@ -12,13 +12,13 @@ from typing import Protocol
 from ...effects import Inbound, Will
 from ..client import KEEPALIVE_S
 from ..round_trip import RoundTrip
-from . import packets
+from . import codec, packets
 from .address_proof import AddressProof
 from .challenge import Challenge
 from .own_topics import OwnTopics
 from .packets import PREDEFINED, Message, Packet
 from .sender import LARGEST_DATAGRAM, MOST_IDS, Receiver, Sender
-from .together import Told, Unpacker
+from .together import AirMessage, Unpacker
 from .topic_ids import TOGETHER, TopicIds, Travel
 
 GREETING_S = 5.0
@@ -37,7 +37,7 @@ class BrokerSide(Protocol):
     """The client's connection to the broker, which reports to the methods of `AirClient`."""
 
     def open(self, client_id: str, will: Will | None) -> None: ...
-    def publish(self, told: Told, ref: Hashable) -> None: ...
+    def publish(self, told: AirMessage, ref: Hashable) -> None: ...
     def subscribe(self, topic: str, live_only: bool, ref: Hashable) -> None: ...
     def unsubscribe(self, topic: str) -> None: ...
     def close(self, *, with_will: bool) -> None: ...
@@ -224,9 +224,9 @@ class AirClient:
             return
         known, told = (
             self._topics.id_of(message.topic),
-            Told(message.topic, message.payload, message.qos, message.retain),
+            AirMessage(message.topic, message.payload, message.qos, message.retain),
         )
-        fits = packets.size_of_publish(message.payload) <= LARGEST_DATAGRAM
+        fits = codec.size_of_publish(message.payload) <= LARGEST_DATAGRAM
         if known is not None and fits and self._ids.travel(message.topic) is not Travel.SURELY:
             self._send(Message(known[0], message.payload, known[1], retain=message.retain))
         elif not self._sender.tell(told, now_s):
@@ -312,7 +312,7 @@ class AirClient:
         for each in passed_on:
             self._broker.publish(each, message.msg_id if each.qos else None)
 
-    def _read(self, message: Message) -> list[Told]:
+    def _read(self, message: Message) -> list[AirMessage]:
         """The messages that a PUBLISH carries or completes; raises ValueError."""
         if message.topic_id == TOGETHER and message.id_type == PREDEFINED:
             if message.qos == 0:
@@ -321,9 +321,9 @@ class AirClient:
         topic = self._topics.name_of(message.topic_id, message.id_type)
         if topic is None:
             raise ValueError(f"topic id {message.topic_id}: known to nobody")
-        return [Told(topic, message.payload, message.qos, message.retain)]
+        return [AirMessage(topic, message.payload, message.qos, message.retain)]
 
-    def _refusal(self, told: Told, now_s: float) -> int | None:
+    def _refusal(self, told: AirMessage, now_s: float) -> int | None:
         """The return code of a list or birth that is not passed on, else None: other nodes receive these too."""
         if self._ids.is_list(told.topic) and not self._is_newer_list(told.payload, now_s):
             self._count("air_list", f"{self.client_id}: {told.topic}: no newer list of the fleet")
@@ -408,6 +408,6 @@ class AirClient:
 
     def _send(self, packet: Packet) -> None:
         """Send a packet; one beyond the limit of an unproven address is lost, as if on the way."""
-        datagram = packets.encode(packet)
+        datagram = codec.encode(packet)
         if self._address.takes(len(datagram)):
             self._send_datagram(datagram)

@@ -14,10 +14,10 @@ from ...effects import Subscribe as SubscribeEffect
 from ..client import KEEPALIVE_S
 from ..round_trip import RoundTrip
 from ..subscriptions import UNSPECIFIED
-from . import packets
+from . import codec, packets
 from .packets import PREDEFINED, Message, Packet, Subscribe
 from .sender import GIVE_UP_S, LARGEST_DATAGRAM, Receiver, Sender, repeat_after_s
-from .together import Told, Unpacker
+from .together import AirMessage, Unpacker
 from .topic_ids import TOGETHER, TopicIds, Travel
 
 QUIET_S = 5.0
@@ -41,7 +41,7 @@ class ClientEvents(Protocol):
 
 @dataclass
 class _Newest:
-    told: Told
+    told: AirMessage
     confirm_s: float
 
 
@@ -84,9 +84,9 @@ class SnClient:
 
         MQTT-SN's own return codes, which mean that the message was not accepted, become 0x80.
         """
-        told = Told(effect.topic, effect.payload, effect.qos, effect.retain)
+        told = AirMessage(effect.topic, effect.payload, effect.qos, effect.retain)
         travel = self._ids.travel(effect.topic)
-        size = packets.size_of_publish(effect.payload)
+        size = codec.size_of_publish(effect.payload)
         found = self._id_of(effect.topic)
         if len(effect.payload) > MAX_PAYLOAD:
             self._events.count("too_long_for_broker", f"{effect.topic}: {len(effect.payload)} bytes")
@@ -133,7 +133,7 @@ class SnClient:
     def received(self, datagram: bytes, now_s: float) -> None:
         """A datagram arrived from the gateway's address; one that is no packet is counted and dropped."""
         try:
-            packet = packets.decode(datagram)
+            packet = codec.decode(datagram)
         except ValueError as error:
             self._events.count("air_datagram", str(error))
             return
@@ -220,7 +220,7 @@ class SnClient:
         elif topic is None:
             code = packets.INVALID_TOPIC
         else:
-            told = [Told(topic, message.payload, message.qos, message.retain)]
+            told = [AirMessage(topic, message.payload, message.qos, message.retain)]
         if message.qos:
             self._send(packets.Puback(message.topic_id, message.msg_id, code))
         for each in told:
@@ -233,7 +233,7 @@ class SnClient:
             self._events.count("air_together", "the gateway takes no messages together: expected an activator's")
             self._end()
 
-    def _tell(self, told: Told, now_s: float, done: Callable[[int], None] | None, key: str | None = None) -> None:
+    def _tell(self, told: AirMessage, now_s: float, done: Callable[[int], None] | None, key: str | None = None) -> None:
         if not self._sender.tell(told, now_s, done, key):
             self._events.count("held_up", f"{told.topic}: the gateway acknowledges nothing")
 
@@ -261,7 +261,7 @@ class SnClient:
         return self._ping_sent_s + repeat_after_s(self.round_trip, self._ping_times)
 
     def _send(self, packet: Packet) -> None:
-        self._send_datagram(packets.encode(packet))
+        self._send_datagram(codec.encode(packet))
 
     def _end(self) -> None:
         if not self.has_ended:

@@ -9,7 +9,7 @@ from typing import Any
 from ....protocol.cbor import MAX_PAYLOAD
 from ...floods import TokenBucket
 from ...shared_lists import LISTS_AT_ONCE, LISTS_PER_S
-from . import packets
+from . import codec, packets
 from .air_client import AirClient, BrokerSide, Stage
 from .sender import LARGEST_DATAGRAM
 from .topic_ids import TopicIds
@@ -30,7 +30,7 @@ BIRTHS_PER_S, BIRTHS_AT_ONCE = 5, 20
 Address = tuple[Any, ...]
 
 
-class Gateway:
+class AirGateway:
     """All clients. `send` sends a datagram to an address; `broker` makes a client's connection to the broker.
 
     `is_newer_list` returns whether a payload is a revocation list of the fleet that is newer than the activator's;
@@ -79,7 +79,7 @@ class Gateway:
             budget.owes(address, now_ms, max(0, client.published - before - 1))
             self._look_at(address, now_s)
         elif not isinstance(packet, packets.Disconnect):  # two gateways would go on answering each other
-            self._send(packets.encode(packets.Disconnect()), address)
+            self._send(codec.encode(packets.Disconnect()), address)
 
     def tick(self, now_s: float) -> None:
         """Repeat due packets, and end clients that are over; to be called at `due_s`."""
@@ -111,7 +111,7 @@ class Gateway:
             return
         if known is None and len(self._at) >= MOST_CLIENTS:
             self._count("air_full", f"{address[0]}:{address[1]}: more than {MOST_CLIENTS} clients")
-            self._send(packets.encode(packets.Connack(packets.CONGESTION)), address)
+            self._send(codec.encode(packets.Connack(packets.CONGESTION)), address)
             return
         made: list[AirClient] = []
         broker = self._broker(lambda: made[0])
@@ -172,6 +172,6 @@ class Gateway:
 def _read(datagram: bytes) -> packets.Packet:
     """Decode a client's packet; raises ValueError if it is none, or longer than allowed."""
     is_will = datagram[3:4] == bytes((packets.WillMsg.KIND,))
-    if len(datagram) > (packets.size_of_publish(b"") + MAX_PAYLOAD if is_will else LARGEST_DATAGRAM):
+    if len(datagram) > (codec.size_of_publish(b"") + MAX_PAYLOAD if is_will else LARGEST_DATAGRAM):
         raise ValueError(f"{len(datagram)} bytes; expected at most {LARGEST_DATAGRAM}")
-    return packets.decode(datagram)
+    return codec.decode(datagram)

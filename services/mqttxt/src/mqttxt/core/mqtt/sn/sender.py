@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from ..round_trip import RoundTrip
-from .packets import Message, Packet, Puback, Suback, Subscribe, Unsuback, Unsubscribe, size_of_publish
-from .together import Told, pack
+from .codec import size_of_publish
+from .packets import Message, Packet, Puback, Suback, Subscribe, Unsuback, Unsubscribe
+from .together import AirMessage, pack
 from .topic_ids import TOGETHER, TopicIds
 
 LARGEST_DATAGRAM = 1200
@@ -35,7 +36,7 @@ Done = Callable[[int], None]
 
 @dataclass
 class _Tell:
-    told: Told
+    told: AirMessage
     done: Done | None
     key: str | None = None
 
@@ -101,7 +102,7 @@ class Sender:
         """Whether every packet is answered and none waits."""
         return self._under_way is None and not self._waiting and not self._stream.left
 
-    def tell(self, told: Told, now_s: float, done: Done | None = None, key: str | None = None) -> bool:
+    def tell(self, told: AirMessage, now_s: float, done: Done | None = None, key: str | None = None) -> bool:
         """Send a message after those that wait; `done` gets the return code. `key` is for `forget`.
 
         Returns False if too much waits, or if the other side cannot take a message of this length or topic.
@@ -186,14 +187,14 @@ class Sender:
         else:
             self._start(*self._piece(), now_s)
 
-    def _is_single(self, told: Told) -> bool:
+    def _is_single(self, told: AirMessage) -> bool:
         """Whether to send a message as a PUBLISH of its own."""
         if not self.together:
             return True
         others_wait = len(self._waiting) > 1 and isinstance(self._waiting[1], _Tell)
         return not others_wait and self._fits_alone(told)
 
-    def _fits_alone(self, told: Told) -> bool:
+    def _fits_alone(self, told: AirMessage) -> bool:
         return size_of_publish(told.payload) <= LARGEST_DATAGRAM and self._id_of(told.topic) is not None
 
     def _piece(self) -> tuple[Message, list[Done]]:

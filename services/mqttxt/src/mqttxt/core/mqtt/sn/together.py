@@ -18,7 +18,7 @@ _RETAIN, _QOS = 0x10, 0x20
 
 
 @dataclass(frozen=True)
-class Told:
+class AirMessage:
     """A message to be sent, or received; `qos` is the publisher's."""
 
     topic: str
@@ -27,7 +27,7 @@ class Told:
     retain: bool = False
 
 
-def pack(told: Told, ids: TopicIds) -> bytes:
+def pack(told: AirMessage, ids: TopicIds) -> bytes:
     """Encode a message for the stream."""
     topic_id = ids.id_of(told.topic)
     name = told.topic.encode() if topic_id is None else b""
@@ -42,10 +42,10 @@ class Unpacker:
         self._ids = ids
         self._came = b""
 
-    def take(self, piece: bytes) -> list[Told]:
+    def take(self, piece: bytes) -> list[AirMessage]:
         """The messages that end in this piece; raises ValueError if the stream is malformed, which ends it."""
         came, at, self._came = self._came + piece, 0, b""
-        found: list[Told] = []
+        found: list[AirMessage] = []
         while len(came) - at >= _HEAD.size:
             flags, topic_id, name_length, length = _HEAD.unpack_from(came, at)
             begin = at + _HEAD.size + name_length
@@ -57,6 +57,6 @@ class Unpacker:
             if name is None:
                 raise ValueError(f"topic id {topic_id}: not predefined")
             at = begin + length
-            found.append(Told(name, came[begin:at], int(flags & _QOS != 0), flags & _RETAIN != 0))
+            found.append(AirMessage(name, came[begin:at], int(flags & _QOS != 0), flags & _RETAIN != 0))
         self._came = came[at:]
         return found

@@ -1,0 +1,23 @@
+"""A state with its age, as a user of the station reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from ...protocol.states import State
+
+AState = TypeVar("AState", bound=State)
+
+
+@dataclass(frozen=True)
+class KnownState(Generic[AState]):
+    """A state as it last arrived.
+
+    Parameters:
+        state: the value.
+        age_ms: an upper bound of its age now, in milliseconds; None where the fog's clock is not known yet.
+    """
+
+    state: AState
+    age_ms: int | None
