@@ -45,7 +45,7 @@ class Planned(Bench):
 
     def answered(self, out: list[Any]) -> list[Any]:
         every = list(out)
-        while told := [answer for each in out if isinstance(each, Transmit) for answer in self.answers_to(each.message)]:
+        while told := [one for each in out if isinstance(each, Transmit) for one in self.answers_to(each.message)]:
             out = self.hear(*map(from_autopilot, told))
             every += out
         return every

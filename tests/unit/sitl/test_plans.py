@@ -122,7 +122,7 @@ def test_a_request_is_repeated_on_the_link_that_uploads(drone: Any) -> None:
     assert [(m.seq, m.mission_type, m.target_system) for m in asked] == [(0, FENCE, 245)]
     drone.fly(6)
     assert not [m for m in drone.vehicle.streamed(0, 6.3) if m.get_type() == "MISSION_REQUEST_INT"]
-    assert "Operation timeout" in [o.message.text for o in drone.vehicle.advance(6.5) if hasattr(o, "message")]
+    assert "Operation timeout\t" in [o.message.text for o in drone.vehicle.advance(6.5) if hasattr(o, "message")]
 
 
 @pytest.mark.parametrize("count", [0, 1])
