@@ -38,6 +38,7 @@ from mqttxt.core.mqtt.sn.gateway import AirGateway
 from mqttxt.core.mqtt.sn.own_topics import OwnTopics
 from mqttxt.core.mqtt.sn.sender import Receiver, Sender
 from mqttxt.core.mqtt.sn.together import Unpacker
+from mqttxt.core.overriding import LaterHolds
 from mqttxt.core.session_owners import SessionOwners
 from mqttxt.drone import bulk, command_writer, executor, interruptions, offboard, parameter_settings, published_states
 from mqttxt.drone.acknowledgements import Acknowledgements
@@ -165,6 +166,16 @@ def uav_repeats_late(original: Any, self: Any, run: Any, now_ms: int) -> Any:
 def uav_forgets_the_order(original: Any, self: Any, *arguments: Any) -> Any:
     self.order = StartOrder()
     return original(self, *arguments)
+
+
+@variant(CommandDesk, "_is_anothers")
+def uav_obeys_everybody(original: Any, self: Any, epoch: int, *more: Any) -> Any:
+    return epoch < self.epoch
+
+
+@variant(CommandDesk, "_has_control")
+def uav_writes_for_a_former_holder(original: Any, self: Any, command_id: Any) -> bool:
+    return True
 
 
 @variant(Bond, "publish", "activator-speaks-over-one")
@@ -527,6 +538,7 @@ VARIANTS |= {
         with_values(psmi, USED=tuple(state for state in psmi.USED if state not in (Armed, LandedState))),
         replaced(psmi, "_value", unless_of_flight),
     ),
+    "activator-chooses-behind-a-hold": replaced(LaterHolds, "overrides_choice", lambda _, self, sender, seq: False),
     "activator-signs-no-records": unsigned(DroneRecord),
     "air-uav-takes-every-puback": with_values(client, _in_mqtt_5=lambda done, code: done(0)),
     "air-uav-waits-for-a-word": with_values(client, QUIET_S=60.0),

@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from mqttxt.drone.effects import Transmit
 from mqttxt.drone.mavlink.sources import Source
-from mqttxt.protocol.commands import Arm, Goto, Hold, Offboard, Return, StartMission, Velocity
+from mqttxt.protocol.commands import Arm, Disarm, Goto, Hold, Offboard, Return, StartMission, Velocity
 from mqttxt.protocol.messages import Word
 from tests.simulation.workbench import ARM, MODE, REPOSITION, Bench, said, set_points, written
 from tests.simulation.world import ack, from_autopilot, heartbeat, home, landed, position
@@ -196,6 +197,25 @@ def test_a_refusal_quotes_the_text_behind_it_once_it_is_whole(parts: tuple[str, 
     assert said(bench.hear(ack(ARM, REJECTED), *px4_text(*parts)[:-1])) == []
     assert said(bench.hear(px4_text(*parts)[-1])) == [(1, Word.DENIED, f"temporarily_rejected: {text}")]
     assert bench.until(1000) == []
+
+
+def test_a_text_explains_the_newest_refusal_alone() -> None:
+    bench = flying()
+    bench.start(1, Goto(47.4, 8.5, 20))
+    bench.start(2, Disarm())
+    assert said(bench.hear(ack(REPOSITION, REJECTED))) == []
+    assert said(bench.hear(ack(ARM, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
+    text = px4_text("Disarming denied: not landed\t")
+    assert said(bench.hear(*text)) == [(2, Word.DENIED, "temporarily_rejected: Disarming denied: not landed")]
+
+
+def test_what_nobody_knows_waits_for_no_text() -> None:
+    """A hold of the ground is unanswered, and refused in the form of the air."""
+    bench = Bench(heartbeat(armed=True), home(), position(0.0), landed(1))
+    bench.start(1, Hold())
+    bench.hear(landed(AIR), position(5.0))
+    (written_as,) = [one.source for one in bench.until(600) if isinstance(one, Transmit)]
+    assert said(bench.hear(ack(REPOSITION, REJECTED, source=written_as))) == [(1, Word.UNCONFIRMED, "no_ack")]
 
 
 def test_a_refusal_whose_text_never_ends_is_not_waited_for_longer() -> None:

@@ -18,7 +18,7 @@ from mqttxt.protocol.messages import CommandMessage, Word
 from mqttxt.station.outcomes import ControlChanged
 from mqttxt.station.role import StationRole
 from tests.simulation.fogs import UAV_AHEAD_MS, ActivatorBench, of, ready, words
-from tests.simulation.world import GS_SESSION, UAV_SESSION, World, command_payload
+from tests.simulation.world import GS_SESSION, UAV_SESSION, World, command_payload, results, transmitted
 from tests.unit.mqttxt.test_ground_station import FOG, StationBench
 from tests.unit.mqttxt.test_uav_client import client, hear, published
 
@@ -142,6 +142,28 @@ def test_a_command_of_a_lower_epoch_than_the_lease_is_refused() -> None:
     (publish,) = published(hear(uav, command_payload(Arm(), epoch=1)), "drone1/commands_result/arm")
     assert b"not_in_control" in publish.payload
     assert any(isinstance(e, Transmit) for e in hear(uav, command_payload(Arm(), seq=2, epoch=2)))
+
+
+@pytest.mark.parametrize(
+    ("sender", "epoch", "now_ms", "is_obeyed"),
+    [
+        pytest.param(GS_SESSION, 3, 2000, False, id="who had the drone before"),
+        pytest.param(9, 3, 2000, True, id="the holder"),
+        pytest.param(GS_SESSION, 4, 2000, True, id="a takeover whose lease has not come yet"),
+        pytest.param(GS_SESSION, 3, 2001, True, id="a lease that has ended names nobody"),
+    ],
+)
+def test_without_signatures_too_a_drone_obeys_no_station_that_another_has_followed(
+    sender: int, epoch: int, now_ms: int, is_obeyed: bool
+) -> None:
+    """No takeover raised the epoch, and the command waited in the other one of two connections."""
+    uav = client()
+    hand_down(uav, epoch=3, counter=1, holder_session=GS_SESSION, deadline_ms=9000)
+    hand_down(uav, epoch=3, counter=2, holder_session=9, deadline_ms=2000)
+    effects = hear(uav, command_payload(Arm(), gs_session=sender, epoch=epoch), now_ms)
+    assert bool(transmitted(effects)) is is_obeyed
+    denials = [said.reason for said in results(effects) if said.word is Word.DENIED]
+    assert denials == ([] if is_obeyed else ["not_in_control"])
 
 
 def test_an_old_lease_of_the_same_activator_changes_nothing_and_a_new_activator_begins_anew() -> None:

@@ -235,7 +235,7 @@ async def test_a_command_that_is_meant_anew_can_be_repeated(bench: Bench, client
     assert bench.drone.commands == [Hold(), Land(), Hold()]
 
 
-@pytest.mark.parametrize(("stop", "other"), [(HOLD, GOTO), (LAND, HOLD), (RETURN, GOTO), (DISARM, LAND)])
+@pytest.mark.parametrize(("stop", "other"), [(HOLD, GOTO), (HOLD, LAND), (LAND, GOTO), (RETURN, GOTO), (DISARM, GOTO)])
 async def test_a_stop_behind_another_command_is_sent_though_an_equal_one_is_open(
     bench: Bench, client: Client, stop: Request, other: Request
 ) -> None:
@@ -259,6 +259,15 @@ async def test_an_open_stop_is_repeated_while_nothing_else_was_commanded(bench: 
     await bench.ask(client, GOTO)
     await bench.ask(client, HOLD, confirmation=3)
     assert [type(command) for command in bench.drone.commands] == [Hold, Goto]
+
+
+@pytest.mark.parametrize("stop", [LAND, RETURN, DISARM])
+async def test_an_open_stop_behind_a_hold_is_a_repetition(bench: Bench, client: Client, stop: Request) -> None:
+    """A client that lost IN_PROGRESS repeats it without a number; the hold is the pilot's newest word."""
+    for request in (stop, HOLD, stop):
+        await bench.ask(client, request)
+    assert len(bench.drone.commands) == 2
+    assert isinstance(bench.drone.commands[-1], Hold)
 
 
 async def test_an_open_goto_behind_another_command_is_a_repetition(bench: Bench, client: Client) -> None:

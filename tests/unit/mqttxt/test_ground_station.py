@@ -12,7 +12,7 @@ from mqttxt.core.settings import Settings
 from mqttxt.drone.answers import Unfinished
 from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.commands import Arm, Command, Goto, Hold, StartMission
+from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land, StartMission, Takeoff
 from mqttxt.protocol.control import Control, DroneRecord, Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
@@ -194,6 +194,55 @@ def test_the_truth_after_an_unconfirmed_settles_it_once(bench: StationBench) -> 
     assert bench.result(Word.FAILED, settled=True) == []
 
 
+@pytest.mark.parametrize("first", [Word.ACCEPTED, Word.IN_PROGRESS])
+@pytest.mark.parametrize("word", [word for word in Word if word.is_definite_no])
+def test_a_definite_no_behind_a_first_word_settles_nothing(bench: StationBench, first: Word, word: Word) -> None:
+    """R5.9: another implementation's activator may pass one on."""
+    bench.send()
+    bench.result(first)
+    bench.result(Word.UNCONFIRMED)
+    assert bench.result(word, settled=True) == []
+    assert bench.result(Word.COMPLETED, settled=True) == [(Word.COMPLETED, True)]
+
+
+@pytest.mark.parametrize("drone", [1, 2, None])
+@pytest.mark.parametrize("mode", [SelectMode.SELECT, SelectMode.OFFER, SelectMode.COMMIT])
+def test_at_qos_0_a_choice_is_not_repeated_behind_a_hold_until_it_is_a_question(
+    mode: SelectMode, drone: int | None
+) -> None:
+    bench = StationBench(qos=0)
+    chosen = select(bench, mode=mode, ttl_ms=5000)
+    bench.send(Hold(), drone=drone)
+    assert of(bench.until(14_900), "fog1/commands/goto") == []
+    assert of(bench.until(15_000), "fog1/commands/goto") == [chosen]
+
+
+@pytest.mark.parametrize(("held", "is_repeated"), [(1, False), (None, False), (2, True)])
+def test_at_qos_0_a_command_is_not_repeated_behind_a_hold_of_its_drone(held: int | None, is_repeated: bool) -> None:
+    bench = StationBench(qos=0)
+    sent = bench.send(Takeoff(10.0), ttl_ms=5000)
+    bench.send(Hold(), drone=held)
+    assert (sent in bench.until(14_900)) == is_repeated
+    assert sent in bench.until(30_000)
+
+
+def test_at_qos_0_what_stops_a_drone_is_repeated_behind_a_hold() -> None:
+    bench = StationBench(qos=0)
+    sent = bench.send(Land(), ttl_ms=5000)
+    bench.send(Hold())
+    assert sent in bench.until(12_000)
+
+
+def test_after_a_reconnection_only_what_was_heard_is_asked_for_behind_a_hold(bench: StationBench) -> None:
+    """What was lost with the connection would be started behind the hold that was to stop it."""
+    heard = bench.send(Takeoff(10.0))
+    bench.result(Word.ACCEPTED)
+    lost, chosen = bench.send(Goto(47.4, 8.5, 20.0)), select(bench)
+    held = bench.send(Hold())
+    again = reconnect(bench)
+    assert [one in again for one in (heard, lost, chosen, held)] == [True, False, False, True]
+
+
 def test_failing_everybody_else_the_station_closes_it_as_unconfirmed(bench: StationBench) -> None:
     bench.send(limit_s=1.0)
     told = [o.word for o in bench.until(60_000) if isinstance(o, Outcome)]
@@ -206,13 +255,17 @@ def test_a_foreign_result_is_no_outcome(bench: StationBench) -> None:
     assert bench.result(Word.COMPLETED, seq=9) == []
 
 
-def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes(bench: StationBench) -> None:
-    sent = bench.send()
+def reconnect(bench: StationBench) -> list[Any]:
+    """What a station says once it is registered again behind a lost connection."""
     bench.role.on_disconnected("cloud", bench.now_ms)
     for effect in bench.role.on_connected("cloud", bench.now_ms):
         bench.role.on_subscribed(effect, bench.now_ms)  # type: ignore[arg-type]
-    effects = bench.hear("reachable", FogPresence(session=FOG, up=True))
-    assert sent in bench.confirm(effects)
+    return bench.confirm(bench.hear("reachable", FogPresence(session=FOG, up=True)))
+
+
+def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes(bench: StationBench) -> None:
+    sent = bench.send()
+    assert sent in reconnect(bench)
     bench.result(Word.COMPLETED)
     assert sent not in bench.until(bench.now_ms + 20_000)
 

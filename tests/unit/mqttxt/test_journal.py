@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import socket
 from contextlib import closing
 from pathlib import Path
@@ -11,10 +12,13 @@ from pathlib import Path
 import pytest
 
 from mqttxt.core.address import BrokerAddress
+from mqttxt.core.settings import Settings
 from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal
 from mqttxt.drone.journal import ASKED_FOR_S, GAP_NOTED_S, MOST_DELIVERED, JournalFile
 from mqttxt.drone.journal_lines import gap_line
+from mqttxt.drone.mavlink.transports import AutopilotAddress
+from mqttxt.drone.process import UavRunner
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.messages import CommandId, Word
 
@@ -74,6 +78,69 @@ def test_only_the_newest_of_the_heard_words_are_kept(tmp_path: Path) -> None:
         OPEN,
         *(CommandId(2, seq) for seq in range(3, MOST_DELIVERED + 3)),
     ]
+
+
+def _hear_of(journal: JournalFile, *command_ids: CommandId) -> None:
+    """Start commands, and have their last words delivered."""
+    for one in command_ids:
+        for effect in (Journal(one, "arm"), Journal(one, "arm", Word.COMPLETED), Journal(one, "arm", done=True)):
+            journal.record(effect)
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A journal keeps two delivered words, and remembers the dropped ones of three sessions."""
+    monkeypatch.setattr("mqttxt.drone.journal.MOST_DELIVERED", 2)
+    monkeypatch.setattr("mqttxt.drone.journal.MOST_FORGOTTEN", 3)
+
+
+@pytest.mark.usefixtures("few")
+async def test_a_restarted_client_calls_nothing_expired_that_its_journal_may_have_dropped(tmp_path: Path) -> None:
+    """A completed command's word died with the fog's broker, and others have pushed its record out since."""
+    path = tmp_path / "journal"
+    journal = _whole(path)
+    _hear_of(journal, CommandId(1, 2), CommandId(1, 1), *(CommandId(2, seq) for seq in range(3)))
+    journal.close()
+    for _ in range(3):  # the file is written anew at each start
+        with closing(JournalFile(path)) as journal:
+            assert not journal.has_gap
+            assert set(journal.forgotten) == {CommandId(1, 2), CommandId(2, 0)}
+            nowhere, autopilot = BrokerAddress.parse("mqtt://127.0.0.1:1"), AutopilotAddress("udp", "127.0.0.1", 0)
+            ledger = UavRunner(7, nowhere, autopilot, journal, Settings()).client.desk.ledger
+            asked = [CommandId(1, 1), CommandId(1, 2), CommandId(1, 3), CommandId(2, 0), CommandId(3, 0)]
+            assert [ledger.may_have_forgotten(one) for one in asked] == [True, True, False, True, False]
+
+
+@pytest.mark.usefixtures("few")
+def test_dropped_words_of_more_sessions_than_are_remembered_are_a_gap_that_ages(tmp_path: Path) -> None:
+    now_s = 0.0
+
+    def clock_s() -> float:
+        return now_s
+
+    path = make_whole(tmp_path / "journal")
+    journal = JournalFile(path, clock_s)
+    now_s += 2 * ASKED_FOR_S
+    _hear_of(journal, *(CommandId(session, 1) for session in range(1, 6)))
+    assert not started(Path(shutil.copy(path, tmp_path / "one less"))).has_gap
+    _hear_of(journal, CommandId(6, 1))
+    assert journal.has_gap
+    assert set(journal.forgotten) == {CommandId(session, 1) for session in (2, 3, 4)}
+    copy = Path(shutil.copy(path, tmp_path / "as a crash leaves it"))
+    for _ in range(2):  # the second time as a start has written it anew
+        again = started(copy)
+        assert (again.has_gap, again.forgotten) == (True, journal.forgotten)
+    now_s += ASKED_FOR_S
+    journal.record(Journal(CommandId(6, 2), "arm"))
+    journal.close()
+    assert not started(path).has_gap
+
+
+@pytest.mark.parametrize("line", ['{"forgotten": [1]}', '{"forgotten": [1, -1]}', '{"forgotten": 7}'])
+def test_a_dropped_id_that_cannot_be_read_is_a_gap(tmp_path: Path, line: str) -> None:
+    path = make_whole(tmp_path / "journal")
+    path.write_text(path.read_text() + f"{line}\n{{}}\n")
+    assert started(path).has_gap
 
 
 @pytest.mark.parametrize("cut", [1, 5, 60])

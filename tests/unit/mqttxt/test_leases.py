@@ -53,6 +53,16 @@ def test_a_takeover_raises_the_epoch_and_what_was_sent_under_the_old_one_is_refu
     assert leases.refusal(2, 1, 0, 0) is None
 
 
+def test_a_free_drone_is_given_under_the_fogs_epoch_so_no_older_command_has_a_higher_one() -> None:
+    leases = Leases((1, 2))
+    leases.register(registration(A), 0)
+    leases.register(registration(B, control=Control.TAKE, drones=(2,)), 0)
+    leases.register(registration(B), 0)
+    assert (holders(leases), leases.epoch(1)) == (["a", "b"], 0)
+    assert leases.end(A, 10) == {1}
+    assert (holders(leases), leases.epoch(1)) == (["b", "b"], 1)
+
+
 def test_a_takeover_that_has_not_seen_the_newest_epoch_takes_nothing() -> None:
     leases = Leases((1, 2))
     leases.register(registration(A), 0)

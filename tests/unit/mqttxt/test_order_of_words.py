@@ -66,7 +66,7 @@ def play(world: World, steps: Iterable[tuple[Any, ...]]) -> None:
         elif what == "armed":
             world.autopilot(heartbeat(armed=how[0]))
         else:
-            world.run("gs", world.gs.commands.ask_again(1))
+            world.run("gs", world.gs.commands.ask_again(1, world.now_ms))
 
 
 def contradictions(said: Iterable[tuple[Any, Word]]) -> list[Any]:

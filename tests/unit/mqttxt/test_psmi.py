@@ -8,14 +8,14 @@ import pytest
 
 from mqttxt.core.ledger import KEEP_MS
 from mqttxt.protocol.codec import decode
-from mqttxt.protocol.commands import Goto, Hold
+from mqttxt.protocol.commands import Goto, Hold, Land
 from mqttxt.protocol.control import Control, DroneRecord
 from mqttxt.protocol.messages import BeaconMessage, CommandMessage, FogResultMessage, Word
 from mqttxt.protocol.names import MAX_DRONE
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMode
 from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed, State
 from tests.simulation.fogs import BORN_MS, ActivatorBench, of, words
-from tests.simulation.world import FOG_SESSION, UAV_SESSION
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION
 
 TARGET = Goto(47.4, 8.5, 20)
 ONE_KM = 1000 / 6_371_000 * 57.29577951308232
@@ -226,6 +226,34 @@ def test_an_earlier_hold_that_comes_late_cancels_nothing(bench: ActivatorBench) 
     bench.select(TARGET, seq=2)
     bench.command(Hold(), to="drone1/commands", seq=1)
     assert sent_to(bench.word(2, Word.DENIED, seq=2)) == [1]
+
+
+@pytest.mark.parametrize("mode", [SelectMode.SELECT, SelectMode.OFFER])
+@pytest.mark.parametrize("to", ["drone1/commands", "commands"])
+@pytest.mark.parametrize("is_retained", [False, True])
+def test_a_choice_that_comes_behind_a_later_hold_is_cancelled(
+    bench: ActivatorBench, mode: SelectMode, to: str, is_retained: bool
+) -> None:
+    """At QoS 0 a station repeats a select that was lost; the hold was for another drone, and may have been denied."""
+    bench.command(Hold(), to=to, seq=2, retain=is_retained)
+    effects = bench.select(TARGET, seq=1, mode=mode)
+    assert sent_to(effects) == []
+    assert denial(effects) == "cancelled"
+    assert sent_to(bench.select(TARGET, seq=3)) == [2]
+
+
+def test_a_commit_that_comes_behind_a_later_hold_is_cancelled_and_frees_its_drone(bench: ActivatorBench) -> None:
+    bench.select(TARGET, seq=1, mode=SelectMode.OFFER)
+    bench.command(Land(), to="drone1/commands", seq=3)
+    effects = bench.select(TARGET, seq=2, mode=SelectMode.COMMIT, reservation=1)
+    assert sent_to(effects) == []
+    assert denial(effects) == "cancelled"
+    assert sent_to(bench.select(TARGET, seq=4)) == [2]
+
+
+def test_another_stations_hold_cancels_nothing(bench: ActivatorBench) -> None:
+    bench.command(Hold(), to="drone1/commands", gs_session=GS_SESSION + 1, seq=2)
+    assert sent_to(bench.select(TARGET, seq=1)) == [2]
 
 
 def test_a_takeover_of_the_largest_fog_ends_the_search_with_a_word_for_each_drone() -> None:

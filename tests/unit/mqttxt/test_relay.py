@@ -108,6 +108,49 @@ def test_what_is_sent_again_for_a_station_that_has_lost_control_is_only_a_questi
     assert (asked.executor_session, asked.deadline_ms) == (UAV_SESSION, 0)
 
 
+@pytest.mark.parametrize(("command", "is_question"), [(Goto(1, 2, 20), True), (Takeoff(10), True), (Land(), False)])
+@pytest.mark.parametrize("to", ["drone1/commands", "commands"])
+def test_what_is_sent_again_behind_a_later_hold_is_only_a_question(
+    command: Command, is_question: bool, to: str
+) -> None:
+    """Both may have been lost: what the hold was to stop would fly until it comes. What stops the drone is repeated."""
+    bench = ready(qos=0)
+    bench.command(command, deadline_ms=bench.now_ms + 30_000)
+    bench.command(Hold(), seq=2, to=to)
+    again = [decode(CommandMessage, sent.payload) for sent in of(bench.until(BORN_MS + 2000), "drone1/commands")]
+    assert [sent.deadline_ms == 0 for sent in again if sent.seq == 1] == [is_question]
+    assert [sent.deadline_ms == 0 for sent in again if sent.seq == 2] == [False]
+
+
+@pytest.mark.parametrize("to", ["drone1/commands", "commands"])
+def test_what_comes_first_behind_a_later_hold_is_overtaken(bench: ActivatorBench, to: str) -> None:
+    """R5.4. The hold may have been lost on the way to the drone, and the command is a repetition."""
+    bench.command(Hold(), seq=2, to=to)
+    effects = bench.command(Takeoff(10), to="commands")
+    assert of(effects, "drone1/commands") == []
+    assert words(effects) == [(Word.OVERTAKEN, None)]
+    assert of(bench.command(Land(), seq=0), "drone1/commands")
+
+
+def test_an_earlier_hold_and_one_to_another_drone_question_nothing() -> None:
+    bench = ready(qos=0, drones=(1, 2))
+    bench.command(seq=2, deadline_ms=bench.now_ms + 30_000)
+    bench.command(Hold(), seq=1)
+    bench.command(Hold(), seq=3, to="drone2/commands")
+    again = [decode(CommandMessage, sent.payload) for sent in of(bench.until(BORN_MS + 2000), "drone1/commands")]
+    assert [sent.deadline_ms == 0 for sent in again if sent.seq == 2] == [False]
+
+
+@pytest.mark.parametrize("word", [word for word in Word if word.is_definite_no])
+def test_a_definite_no_behind_a_first_word_settles_nothing(bench: ActivatorBench, word: Word) -> None:
+    """R5.9. As of a drone that was started anew and remembers nothing; the truth may still come."""
+    bench.command(limit_s=2.0)
+    bench.result(Word.ACCEPTED)
+    bench.until(BORN_MS + 12_100)
+    assert bench.result(word) == []
+    assert words(bench.result(Word.COMPLETED)) == [(Word.COMPLETED, None)]
+
+
 def test_past_deadline_limit_and_grace_it_is_unconfirmed_and_the_truth_settles_it_once(bench: ActivatorBench) -> None:
     bench.command(limit_s=2.0)
     bench.result(Word.ACCEPTED)

@@ -365,6 +365,15 @@ def test_without_a_journal_nobody_knows_what_an_earlier_session_did(asked: dict[
         assert (said.word, said.reason) == (Word.UNCONFIRMED, "no_journal")
 
 
+@pytest.mark.parametrize("asked", [{"deadline_ms": 0}, {"executor_session": 99}])
+def test_of_an_id_that_the_journal_may_have_dropped_nobody_knows_what_became(asked: dict[str, int]) -> None:
+    client = UavClient(1, UAV_SESSION, Settings(), forgotten=[CommandId(GS_SESSION, 7)])
+    ready(client)
+    said = [words(hear(client, command_payload(Arm(), seq=seq, **asked), 100)) for seq in (6, 7, 8)]
+    assert said[:2] == [[(Word.UNCONFIRMED, None)]] * 2
+    assert said[2][0][0] in (Word.EXPIRED, Word.DENIED)
+
+
 def test_a_new_activator_session_hears_every_state_anew(uav: UavClient) -> None:
     told = states_of(uav.tick(1100))
     assert told

@@ -7,10 +7,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.drone.effects import Transmit
+from mqttxt.core.effects import Inbound
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Journal, Transmit
+from mqttxt.drone.paths import Paths
 from mqttxt.drone.role import UavClient
+from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import (
     Arm,
+    ClearPlan,
     Command,
     Goto,
     Hold,
@@ -22,17 +27,24 @@ from mqttxt.protocol.commands import (
     Takeoff,
     Velocity,
 )
-from mqttxt.protocol.messages import Word
+from mqttxt.protocol.control import DroneLease
+from mqttxt.protocol.messages import CommandId, Word
+from tests.simulation.signed import signed_command, signed_world, to_drone
+from tests.simulation.signing import seal
 from tests.simulation.workbench import LAND, MODE, REPOSITION, TAKEOFF, Bench, said, set_points, written
 from tests.simulation.world import (
+    FOG_SESSION,
     GS_SESSION,
+    UAV_SESSION,
     ack,
     command_payload,
     from_autopilot,
     heartbeat,
     home,
     landed,
+    on_disk,
     position,
+    ready,
     transmitted,
 )
 from tests.unit.mqttxt.test_mission_starts import HASH, PX4_HOLD, PX4_MISSION, Planned
@@ -125,10 +137,59 @@ def test_a_station_that_has_just_taken_over_is_obeyed_before_its_lease_comes() -
     assert kinds(hear(uav, command_payload(Land(), epoch=1), 1100)) == [LAND]
 
 
-def test_a_parameter_that_waits_is_not_set_for_a_former_holder() -> None:
+def test_epochs_of_two_activator_sessions_do_not_compare() -> None:
+    """The new session has no records, and begins with epoch 0."""
+    uav = flying()
+    lease(uav, 1050, epoch=5, holder_session=GS_SESSION, deadline_ms=30_000, counter=2)
+    for seq, command in enumerate((HERE, THERE), start=1):
+        out = hear(uav, command_payload(command, seq=seq, epoch=5), 1100)
+    assert kinds(out) == []
+    lease(uav, 1200, activator_session=10, epoch=0, holder_session=ANOTHER, deadline_ms=30_000, counter=1)
+    out = [*uav.on_mavlink(ack(REPOSITION), 1300), *uav.tick(1400)]
+    assert transmitted(out) == []
+    assert words(out) == [(Word.ACCEPTED, None), *REFUSED]
+
+
+def test_an_epoch_is_no_excuse_where_messages_are_signed() -> None:
+    """A station may sign any epoch."""
+    world = signed_world()
+    uav, now_ms = world.uav, world.now_ms
+    for message in (heartbeat(armed=True), position(0.0), landed(GROUND)):
+        uav.on_mavlink(message, now_ms)
+    command = signed_command(command=Takeoff(10.0), epoch=2**32 - 1, deadline_ms=now_ms + 5000)
+    (takeoff,) = transmitted(on_disk(uav, to_drone(world, command), now_ms))
+    uav.on_transmitted(takeoff.ref, now_ms)
+    taken = DroneLease(
+        activator_session=FOG_SESSION,
+        drone_session=UAV_SESSION,
+        nonce=5,
+        bound=True,
+        epoch=1,
+        counter=1000,
+        heard_ms=now_ms,
+        holder="h",
+        holder_session=ANOTHER,
+        deadline_ms=now_ms + 30_000,
+    )
+    signed = seal("fog1").sign("drone1/init_connect", encode(taken)).encode()
+    uav.on_message("fog", Inbound("drone1/init_connect", signed, 1), now_ms + 100)
+    out = [one for later_ms in range(200, 3000, 100) for one in uav.tick(now_ms + later_ms)]
+    assert transmitted(out) == []
+
+
+def test_who_gets_the_drone_back_under_a_newer_epoch_has_control() -> None:
+    uav = flying()
+    assert sent(uav, Land()) == [LAND]
+    lease(uav, 1200, epoch=1, holder_session=GS_SESSION, deadline_ms=30_000, counter=2)
+    assert LAND in kinds([one for now_ms in range(1300, 1800, 100) for one in uav.tick(now_ms)])
+
+
+@pytest.mark.parametrize("until_ms", [30_000, 1250])
+def test_a_parameter_that_waits_is_not_set_for_a_former_holder(until_ms: int) -> None:
+    """The other station's lease may be over when the parameter could be set."""
     uav = controlled()
     sent(uav, SetParameter("MPC_XY_CRUISE", 5.0))
-    pass_on(uav, 1)
+    lease(uav, 1200, epoch=0, holder_session=ANOTHER, deadline_ms=until_ms, counter=2)
     out = uav.on_mavlink(value("MPC_XY_CRUISE", 3.0), 1300)
     assert "PARAM_SET" not in kinds(out)
     assert words(out) == REFUSED
@@ -192,3 +253,59 @@ def test_a_process_that_ends_sets_no_parameter_that_waits() -> None:
     out = bench.hear(value("MPC_XY_CRUISE", 5.0), value("MPC_Z_VEL_MAX_UP", 3.0)) + bench.until(3000)
     assert "PARAM_SET" not in kinds(out)
     assert said(out) == [(1, Word.COMPLETED, None)], "the value was there; the next session closes the other one"
+
+
+def test_a_refusal_that_waits_for_a_text_is_said_before_the_process_ends() -> None:
+    uav = flying()
+    assert sent(uav, HERE) == [REPOSITION]
+    assert words(uav.on_mavlink(ack(REPOSITION, 1), 1200)) == []
+    last = [one for one in uav.goodbye(1250) if isinstance(one, Journal)]
+    assert [(one.word, one.reason) for one in last] == [(Word.DENIED, "temporarily_rejected")]
+
+
+def test_a_takeoff_that_was_never_written_undoes_no_pilots_mode() -> None:
+    bench = Bench(heartbeat(armed=True), home(), position(0.0), landed(GROUND))
+    assert written(bench.start(1, Takeoff(10.0), deadline_ms=50)) == [TAKEOFF]
+    bench.executor.on_refused(CommandId(1, 1), True, 100)
+    bench.until(2000)
+    out = bench.hear(heartbeat(armed=False, main=4, sub=2)) + bench.until(4000)
+    assert written(out) == []
+
+
+def test_no_list_is_changed_behind_a_start_that_nobody_knows_of() -> None:
+    bench = Planned(PX4_HOLD, 0)
+    out = bench.begin(StartMission(HASH, 1)) + bench.until(bench.now_ms + 4000)
+    assert said(out)[-1] == (1, Word.UNCONFIRMED, "no_ack")
+    out = bench.answered(bench.start(2, ClearPlan()) + bench.until(bench.now_ms + 300))
+    assert said(out) == [(2, Word.DENIED, "mission_running")]
+    assert "MISSION_CLEAR_ALL" not in kinds(out)
+
+
+def test_a_lease_of_an_earlier_activator_that_stood_in_a_connection_changes_nothing() -> None:
+    """The first connection stands still with a lease in it; another activator session leads the drone meanwhile."""
+    uav = UavClient(1, UAV_SESSION, Settings(), paths=Paths("first", 10_000))
+    ready(uav, 1000)
+
+    def led(now_ms: int, path: str, holder: int, counter: int, activator: int) -> None:
+        given = DroneLease(
+            activator_session=activator,
+            drone_session=UAV_SESSION,
+            nonce=counter,
+            bound=True,
+            epoch=activator - 9,
+            holder_session=holder,
+            deadline_ms=now_ms + 30_000,
+            counter=counter,
+        )
+        uav.on_message("fog", Inbound("drone1/init_connect", encode(given), 1, path=path), now_ms)
+
+    led(1000, "first", GS_SESSION, 1, 9)
+    led(8000, "second", GS_SESSION, 2, 9)
+    for counter, now_ms in enumerate(range(42_000, 60_000, 2000), start=1):
+        led(now_ms, "second", ANOTHER, counter, 10)
+    assert uav.executor.lease.holder_session == ANOTHER
+    led(60_000, "first", GS_SESSION, 2, 9)
+    for counter, now_ms in enumerate(range(60_100, 100_000, 2000), start=50):
+        led(now_ms, "second", ANOTHER, counter, 10)
+        assert uav.is_controlled(now_ms)
+    assert (uav.executor.lease.holder_session, uav.desk.epoch) == (ANOTHER, 1)

@@ -6,7 +6,7 @@ import asyncio
 from typing import Any
 
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.commands import Arm, Goto
+from mqttxt.protocol.commands import Arm, Goto, Hold
 from mqttxt.protocol.control import Control
 from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.rankings import SelectMessage, SelectMode
@@ -17,6 +17,7 @@ from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit, Station
 from .registry import Broken, expect, rule
 
 _RATE = 0.002
+_TARGET = Goto(0.0, 8.0, 20.0)
 
 
 @rule("activator", "R6.5", "R6.6")
@@ -147,16 +148,36 @@ async def leaves_out_who_cannot_go(kit: ActivatorKit) -> str:
     return "; ".join(said)
 
 
+@rule("activator", "R7.6")
+async def chooses_nobody_behind_a_later_hold(kit: ActivatorKit) -> str:
+    """A select that comes only after a later hold of its station, to whichever drone, is `denied(cancelled)`."""
+    await _rank(kit)
+    base = kit.command(_TARGET, ttl_ms=20_000)
+    await kit.outcome(kit.send(Hold()))
+    _publish_select(kit, base)
+    await kit.cloud.until(lambda: kit.fog_results(base), PATIENCE_S)
+    await asyncio.sleep(QUIET_S)
+    gone = [number for number in kit.drones if kit.forwarded(base, number)]
+    expect(not gone, f"seq {base.seq + 1} was a hold to drone 1; seq {base.seq}, a select behind it, went to {gone}")
+    reasons = [result.get("denied") for _, result in kit.fog_results(base)]
+    expect(reasons == ["cancelled"], f"a select behind a later hold: expected denied(cancelled), came {reasons}")
+    return f"a hold, then a select of a lower seq: denied({reasons[0]}); it went to nobody"
+
+
 async def _select(kit: ActivatorKit) -> tuple[CommandMessage, dict[str, Any]]:
     """Send a PSMI goto; return it with the list that the activator publishes. Raises Broken if there is none."""
     mark = len(kit.cloud.heard)
-    base = kit.command(Goto(0.0, 8.0, 20.0))
-    fields = {name: value for name, value in vars(base).items() if name != "version"}
-    kit.cloud.publish(kit.topics.select("goto"), encode(SelectMessage(**fields, mode=SelectMode.SELECT)))
+    base = kit.command(_TARGET)
+    _publish_select(kit, base)
     found = await kit.cloud.until(lambda: kit.cloud.since(mark, kit.topics.psmi), PATIENCE_S)
     if not found:
         raise Broken(f"no list on {kit.topics.psmi}; came {[result for _, result in kit.fog_results(base, mark)]}")
     return base, shapes.read("psmi", found[0].payload)
+
+
+def _publish_select(kit: ActivatorKit, base: CommandMessage) -> None:
+    fields = {name: value for name, value in vars(base).items() if name != "version"}
+    kit.cloud.publish(kit.topics.select("goto"), encode(SelectMessage(**fields, mode=SelectMode.SELECT)))
 
 
 @rule("activator", "R10.3")

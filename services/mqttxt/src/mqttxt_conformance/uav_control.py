@@ -6,9 +6,9 @@ import asyncio
 
 from mqttxt.protocol.commands import Arm
 
-from .autopilot import GCS
+from .autopilot import ARM, GCS, Manner
 from .registry import expect, rule
-from .uav_kit import UavKit
+from .uav_kit import LEASE_MS, UavKit
 
 _HOLDER = 77
 
@@ -50,3 +50,38 @@ async def refuses_a_lower_epoch(kit: UavKit) -> str:
     then = await kit.outcome(kit.send(Arm()))
     expect(then.names[-1:] == ["completed"], f"a command of the newest epoch: came {then}")
     return f"epoch {kit.epoch - 1} under {kit.epoch}: {words}; after an older lease: {again}; epoch {kit.epoch}: {then}"
+
+
+@rule("uav", "R6.8")
+async def obeys_only_the_holder(kit: UavKit) -> str:
+    """While the newest lease names a station, another's command of that epoch is `denied(not_in_control)`."""
+    await kit.calm()
+    own, others = kit.command(Arm()), kit.command(Arm())
+    await kit.echo(holder_session=own.gs_session, deadline_ms=kit.deadline(LEASE_MS))
+    kit.leads = False
+    try:
+        words, _ = await kit.refused(others, "denied", "not_in_control")
+    finally:
+        kit.leads = True
+    kit.publish(own)
+    then = await kit.outcome(own)
+    expect(then.names[-1:] == ["completed"], f"a command of the holder: came {then}")
+    return f"another's arm: {words}; the holder's: {then}"
+
+
+@rule("uav", "R5.4")
+async def writes_nothing_for_a_former_holder(kit: UavKit) -> str:
+    """A command that is not acknowledged is not written again once another station has the drone."""
+    await kit.calm()
+    kit.autopilot.manners[ARM] = Manner(result=None)
+    mark = len(kit.autopilot.written)
+    message = kit.send(Arm(), ttl_ms=20_000)
+    expect(await kit.written(mark, ARM), "the arm was not written")
+    kit.epoch += 1
+    await kit.echo(holder_session=_HOLDER, deadline_ms=kit.deadline(LEASE_MS))
+    taken = len(kit.autopilot.written)
+    words = await kit.outcome(message, 10)
+    again = kit.autopilot.flights(taken, ARM)
+    expect(not again, f"after another station's takeover the arm was written {len(again)} times; came {words}")
+    expect(words.names == ["unconfirmed"], f"written once and not acknowledged: came {words}")
+    return f"not acknowledged, and another station took the drone: written no more; came {words}"

@@ -58,7 +58,7 @@ class UavKit:
     ) -> None:
         self.secured = secured
         self.leads = True
-        """Whether `publish` first gives the command's station control, where messages are signed (R12.17)."""
+        """Whether `publish` first gives the command's station the control that it needs (R6.8, R12.17)."""
         self._holder: int | None = None
         self._newest_ms = 0
         self.drone = drone
@@ -223,9 +223,13 @@ class UavKit:
         return message
 
     def lead(self, gs_session: int) -> None:
-        """Where messages are signed, give a station's session control for LEASE_MS, unless it has control."""
-        if self.secured is not None and self.leads and self._holder != gs_session:
+        """Give a station's session control for LEASE_MS, unless it has it. Unsigned it is enough that no other has."""
+        if not self.leads or self._holder == gs_session:
+            return
+        if self.secured is not None:
             self.lease(holder_session=gs_session, deadline_ms=self.deadline(LEASE_MS))
+        elif self._holder is not None:
+            self.lease()
 
     def publish(self, message: CommandMessage, retain: bool = False, encoding: Encoding = Encoding.CBOR) -> None:
         self.lead(message.gs_session)

@@ -15,10 +15,11 @@ from ..core.clock import MAX_TTL_MS, expiry_s
 from ..core.effects import Audit, Effect, Inbound, Log, Publish
 from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
 from ..core.ledger import FOG_CAPACITY, OVERRIDING, Admission, Entry, Ledger, Share
+from ..core.overriding import SAFETY, LaterHolds
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.commands import BROADCASTABLE, Disarm, Offboard, Pause
+from ..protocol.commands import BROADCASTABLE, Offboard
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, RosterEntry, Word
 from ..protocol.rankings import SelectMessage, SelectMode
@@ -32,8 +33,6 @@ from .part import Part, Site
 from .signed_commands import SignedCommand, SignedCommands
 from .together import WordsTogether
 
-SAFETY = (*OVERRIDING, Disarm, Pause)
-"""Commands that are sent over every connection to a drone at once (R19.4)."""
 LIST_PER_PLACE = 10
 """How many drones of a choice's list take one place of the ledger: they need as much memory as a command."""
 SECOND_MS = 500
@@ -43,9 +42,9 @@ SECOND_MS = 500
 class CommandRelay(Part):
     """The commands of one activator session; `words` publishes their results.
 
-    `on_overriding` is called with the id of each hold, land or return, also of one that is denied. While
-    `is_audited` returns false, other commands than these are denied (R14.6); None: no audit log is required.
-    `has_paths`: the fog has several connections.
+    `later_holds` has each hold, land and return, also those that are denied. While `is_audited` returns false, other
+    commands than these are denied (R14.6); None: no audit log is required. `has_paths`: the fog has several
+    connections.
     """
 
     def __init__(
@@ -68,7 +67,7 @@ class CommandRelay(Part):
         self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
         self.is_audited = is_audited
-        self.on_overriding: Callable[[CommandId], object] = lambda command_id: None
+        self.later_holds = LaterHolds()
 
     def on_command(self, topic: DroneTopic | FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A command for one drone, or for every drone of the fog.
@@ -112,7 +111,7 @@ class CommandRelay(Part):
         if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
             return None, [Log("flood", f"{command.command.name} of {station}: too many")]
         if isinstance(command.command, OVERRIDING):
-            self.on_overriding(command.id)
+            self.later_holds.note(command.gs_session, target, command.seq)
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
         job = Job(target, command, deadline_ms, close_at_ms, query, signed)
@@ -254,6 +253,8 @@ class CommandRelay(Part):
         if (remaining_ms <= 0 or is_forgotten) and not job.query:
             word = Word.UNCONFIRMED if is_forgotten else Word.EXPIRED
             return self.words.close(entry, leg, word, None, now_ms)
+        if self._is_overridden(job.message, drone) and not job.query:
+            return self.words.close(entry, leg, Word.OVERTAKEN, None, now_ms)
         refusal = job.signed.refusal(job.message.command, drone, job.query) if job.signed is not None else None
         if refusal is not None:
             return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
@@ -276,14 +277,22 @@ class CommandRelay(Part):
         return [self._publish_command(entry, leg, remaining_ms)]
 
     def _send_again(self, entry: Entry[Job], leg: Leg, link: DroneLink | None, now_ms: int) -> list[Effect]:
-        """Send the same bytes again; a query, if the drone has a new session or the station no longer controls it."""
+        """Send the same bytes again; a query, if the drone has a new session, the station no longer controls it, or has
+        sent it a later hold, land or return (R10.1)."""
         if link is None or link.session is None or not self.fog_connected:
             return []
         message = entry.record.message
         is_same = leg.sent is not None and leg.sent.executor_session == link.session
-        if not is_same or self._leases.refusal(leg.drone, message.gs_session, message.epoch, now_ms) is not None:
+        is_overridden = self._is_overridden(message, leg.drone)
+        refusal = self._leases.refusal(leg.drone, message.gs_session, message.epoch, now_ms)
+        if not is_same or is_overridden or refusal is not None:
             leg.sent = replace(message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
         return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
+
+    def _is_overridden(self, message: CommandMessage, drone: int) -> bool:
+        """Whether a later hold, land or return to a drone has come, and the command does not stop it too (R5.4)."""
+        is_held = self.later_holds.overrides(message.gs_session, drone, message.seq)
+        return is_held and not isinstance(message.command, SAFETY)
 
     def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
         assert leg.sent is not None

@@ -61,6 +61,8 @@ class RelayWords(Part):
             unconfirmed = leg.words[-1].word is Word.UNCONFIRMED and leg.words[-1].session == self._session
             if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
                 return []
+            if leg.has_begun and result.word.is_definite_no:
+                return []
             leg.truth = replace(relayed, settled=True)
             if signed is not None:
                 leg.signed[leg.truth] = signed

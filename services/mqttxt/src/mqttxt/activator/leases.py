@@ -1,7 +1,8 @@
 """The stations registered at a fog, and which of them controls which drone (docs/protocol.md, section 6).
 
 A free drone is given to the first registered station that wants it. Another station gets it only by an explicit
-takeover, which raises the fog's epoch: commands sent under a lower epoch are refused.
+takeover, which raises the fog's epoch: commands sent under a lower epoch are refused. Whoever is given a drone is given
+it under the fog's epoch.
 """
 
 from __future__ import annotations
@@ -210,6 +211,7 @@ class Leases:
             for lease in self._leases.values():
                 if lease.wants(drone) and (restored is None or restored.key == lease.key):
                     self._holders[drone] = lease.key
+                    self._epochs[drone] = self._epoch
                     self._restored.pop(drone, None)
                     changed.add(drone)
                     break

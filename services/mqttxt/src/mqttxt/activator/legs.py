@@ -42,6 +42,11 @@ class Leg:
     def is_closed(self) -> bool:
         return bool(self.words) and self.words[-1].word.is_last
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether the drone has said a first word of it: a definite no is then never the truth (R5.9)."""
+        return bool(self.words) and not self.words[0].word.is_last
+
 
 @dataclass
 class Job:

@@ -25,6 +25,7 @@ from .psmi import rank
 from .signed_commands import SelectContents
 from .together import WordsTogether
 
+CANCELLED = "cancelled"
 LONGEST_HOLD_MS = 60_000
 MOST_RESERVATIONS = 256
 
@@ -40,7 +41,6 @@ class Choice:
     listed: tuple[Candidate, ...]
     left_out: tuple[Candidate, ...]
     next_index: int = 0
-    cancelled: bool = False
     is_sending: bool = False
     tried: frozenset[int] = frozenset()
     chosen: int | None = None
@@ -68,7 +68,6 @@ class Selector(Part):
         self._reservations: dict[CommandId, Reservation] = {}
         self._repetitions: Repetitions[CommandId] = Repetitions()
         relay.words.on_last_word = self._on_last_word
-        relay.on_overriding = self._on_overriding
 
     def on_select(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A message on `fogX/commands/C`.
@@ -113,6 +112,8 @@ class Selector(Part):
         return [effect for command_id in self._repetitions.due(now_ms) for effect in self._said_again(command_id)]
 
     def _choose(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
+        if self._is_overridden(entry.id):
+            return self._relay.refuse(entry, CANCELLED, now_ms)
         tried: frozenset[int] = frozenset()
         if wanted.mode is SelectMode.OFFER and wanted.reservation is not None:
             before = self._choices.get(CommandId(wanted.gs_session, wanted.reservation))
@@ -157,6 +158,8 @@ class Selector(Part):
 
     def _commit(self, entry: Entry[Job], wanted: SelectMessage, now_ms: int) -> list[Effect]:
         held = self._reservations.pop(CommandId(wanted.gs_session, wanted.reservation or 0), None)
+        if self._is_overridden(entry.id):
+            return self._relay.refuse(entry, CANCELLED, now_ms)
         if held is None or now_ms > held.until_ms:
             return self._relay.refuse(entry, "no_reservation", now_ms)
         if held.command != wanted.command:
@@ -202,8 +205,8 @@ class Selector(Part):
         """End a choice after a drone's last word; None if the next drone is to be tried."""
         if leg.words[-1].word not in PASSED_OVER:
             return self._close(entry, now_ms)
-        if choice.cancelled:
-            return self._relay.refuse(entry, "cancelled", now_ms)
+        if self._is_overridden(entry.id):
+            return self._relay.refuse(entry, CANCELLED, now_ms)
         if now_ms >= entry.record.deadline_ms:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         if choice.next_index >= len(choice.listed):
@@ -244,11 +247,9 @@ class Selector(Part):
         self._relay.ledger.close(entry, now_ms)
         return []
 
-    def _on_overriding(self, overriding: CommandId) -> None:
-        """A later hold, land or return of the same station: no other drone is sent in place of the stopped one."""
-        for known, choice in self._choices.items():
-            is_later = known.gs_session == overriding.gs_session and known.seq < overriding.seq
-            choice.cancelled = choice.cancelled or is_later
+    def _is_overridden(self, command_id: CommandId) -> bool:
+        """Whether a later hold, land or return of the same station has come: no drone, or no other one, is sent."""
+        return self._relay.later_holds.overrides_choice(command_id.gs_session, command_id.seq)
 
     def _say(
         self, command_id: CommandId, choice: Choice, chosen: int | None, hold_until_ms: int | None, now_ms: int

@@ -16,6 +16,7 @@ from typing import Generic, TypeVar
 
 from ..protocol.commands import Command, Hold, Land, Return
 from ..protocol.messages import CommandId
+from .forgotten import Forgotten
 
 KEEP_MS = 600_000
 CAPACITY = 8192
@@ -100,15 +101,13 @@ class Ledger(Generic[Record]):
         self._open: dict[CommandId, Entry[Record]] = {}
         self._closed: list[tuple[int, CommandId]] = []
         """A heap of the closed entries, by the time until which each was to be kept when it was closed."""
-        self._forgotten: dict[int, int] = {}
-        """By station's session: the highest `seq` that was forgotten; of so many sessions as there are places."""
+        self.forgotten = Forgotten(capacity)
 
     def get(self, command_id: CommandId) -> Entry[Record] | None:
         return self._entries.get(command_id)
 
     def may_have_forgotten(self, command_id: CommandId) -> bool:
-        """Whether an id that is not known may have been: as high a one of its session, or a higher, was forgotten."""
-        return command_id.seq <= self._forgotten.get(command_id.gs_session, -1)
+        return self.forgotten.may_have(command_id)
 
     def entries(self) -> list[Entry[Record]]:
         return list(self._entries.values())
@@ -185,16 +184,10 @@ class Ledger(Generic[Record]):
             if entry is None or entry.is_open or entry.keep_until_ms >= now_ms:  # closed a second time, or entered
                 continue
             del self._entries[entry.id]
-            self._note_forgotten(entry.id)
+            self.forgotten.note(entry.id)
             self._taken[entry.share] -= entry.places
             own = entry.share, entry.station
             self._taken_by[own] -= entry.places
             if self._taken_by[own] == 0:
                 del self._taken_by[own]
         self._bars = {own: bar for own, bar in self._bars.items() if now_ms < bar.until_ms}
-
-    def _note_forgotten(self, command_id: CommandId) -> None:
-        session = command_id.gs_session
-        self._forgotten[session] = max(command_id.seq, self._forgotten.pop(session, -1))
-        if len(self._forgotten) > self._capacity:
-            del self._forgotten[next(iter(self._forgotten))]

@@ -136,11 +136,17 @@ class Acknowledgements:
 
     def _refused(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
         """End a refused run; hold its last word back if the autopilot's text may follow."""
-        said = self.runs.end(run, word, reason)
-        if reason not in QUOTED or not self.vehicle.autopilot.explains_afterwards:
-            return [said]
+        earlier, said = self.unexplained(), self.runs.end(run, word, reason)
+        if said.reason not in QUOTED or not self.vehicle.autopilot.explains_afterwards:
+            return [*earlier, said]
         self._held.append(_Held(said, run.sent_number, now_ms + WORDS_MS))
-        return []
+        return earlier
+
+    def unexplained(self) -> list[Output]:
+        """End the waits for texts: a newer refusal's text follows, or the process ends."""
+        words: list[Output] = [held.said for held in self._held]
+        self._held.clear()
+        return words
 
     def explained(self, now_ms: int) -> list[Output]:
         """The held-back last words whose reason has arrived or is no longer waited for."""

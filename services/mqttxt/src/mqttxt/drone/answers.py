@@ -15,7 +15,8 @@ from .runs import Said
 class CommandResults:
     """A command's results: its name for the topic, the newest word, and whether a last word was acknowledged.
 
-    `epoch` is that of the drone's control, by which its station sent it.
+    `epoch` is that of the drone's control by which its station sent it, as `activator` counts it: the activator session
+    of the lease at its admission. `is_lost`: another station has taken its station's place since.
 
     `said` is that word as it was published, to answer repetitions of the command.
 
@@ -25,6 +26,8 @@ class CommandResults:
 
     name: str
     epoch: int = 0
+    activator: int | None = None
+    is_lost: bool = False
     newest: ResultMessage | None = None
     said: Publish | None = None
     delivered: bool = False

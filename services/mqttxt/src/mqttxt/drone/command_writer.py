@@ -131,7 +131,7 @@ class CommandWriter:
 
     def _lost_control(self, run: Run, now_ms: int) -> str | None:
         """Why a command is not written any more, though its station had control when it began."""
-        if not self.permit.has_control(run.id, now_ms):
+        if not self.permit.has_control(run.id):
             return NOT_IN_CONTROL
         return "no_lease" if isinstance(run.command, Offboard) and self.pilot.has_lost_lease(run, now_ms) else None
 

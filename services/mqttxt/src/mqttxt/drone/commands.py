@@ -37,7 +37,7 @@ KEPT_BACK_MS = 1000
 class CommandDesk:
     """The commands of one UAV client session: ledger, order, executor, and the words about them.
 
-    `unfinished` are those of earlier sessions.
+    `unfinished` are those of earlier sessions; `forgotten` those that the journal has dropped, by their highest.
     `remembers` false: the journal of earlier sessions is missing or has a gap, so the outcome of an id that may have
     been theirs is unknown. `epoch` is that of the drone's control, which the activator's lease ends at
     `held_until_ms`. Commands are judged by the lease alone, because they have their own deadline (R12.14).
@@ -56,6 +56,7 @@ class CommandDesk:
         owners: SessionOwners,
         *,
         unfinished: list[Unfinished],
+        forgotten: list[CommandId],
         remembers: bool,
         has_paths: bool,
         is_audited: Callable[[], bool] | None,
@@ -67,10 +68,11 @@ class CommandDesk:
         # Over several connections no word waits: a command without an early word is sent over another one.
         self.first_words = FirstWords(settings.bundle_ms if settings.bundles and not has_paths else None)
         self.executor = executor
-        executor.permit.has_control = self._still_has_control
+        executor.permit.has_control = self._has_control
         self.may_publish = False
         self.republish_at_ms: int | None = None
         self.epoch = 0
+        self._activator: int | None = None
         self.held_until_ms: int | None = None
         self.is_audited = is_audited
         self._drone = drone
@@ -82,6 +84,8 @@ class CommandDesk:
         self._remembers = remembers
         self.order = StartOrder()
         self._to_start: dict[CommandId, CommandMessage] = {}
+        for command_id in forgotten:
+            self.ledger.forgotten.note(command_id)
         self._restored = list(unfinished)
         for left in self._restored:
             self.ledger.enter(left.id, None, CommandResults(left.command, is_journalled=True), 0)
@@ -167,7 +171,7 @@ class CommandDesk:
         self.ledger.enter(
             command.id,
             command.command,
-            CommandResults(command.command.name, command.epoch),
+            CommandResults(command.command.name, command.epoch, self._activator),
             known_until_ms,
             share,
             station,
@@ -214,15 +218,15 @@ class CommandDesk:
         is_of_before = command.executor_session not in (0, self._session) or deadline_ms == QUERY_DEADLINE_MS
         if is_of_before and not self._remembers:
             return Said(command.id, Word.UNCONFIRMED, "no_journal")
+        if self.ledger.may_have_forgotten(command.id):
+            return Said(command.id, Word.UNCONFIRMED)
         if deadline_ms is None:
             return Said(command.id, Word.DENIED, NO_DEADLINE)
         if deadline_ms > now_ms + MAX_TTL_MS:
             return Said(command.id, Word.DENIED, "deadline_too_far")
-        if self.ledger.may_have_forgotten(command.id):
-            return Said(command.id, Word.UNCONFIRMED)
         if now_ms > deadline_ms:
             return Said(command.id, Word.EXPIRED)
-        if command.epoch < self.epoch or not self._is_in_control(command.gs_session, now_ms):
+        if command.epoch < self.epoch or not self._is_in_control(command.gs_session, command.epoch, now_ms):
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
         if self.order.is_overtaken(command):
             return Said(command.id, Word.OVERTAKEN)
@@ -230,23 +234,36 @@ class CommandDesk:
             return Said(command.id, Word.DENIED, NOT_AUDITED)
         return None
 
-    def _is_in_control(self, gs_session: int, now_ms: int) -> bool:
-        """Whether the lease names this station; True without signatures, as only a signed lease proves it."""
-        if self._channel.seal is None:
-            return True
+    def _is_in_control(self, gs_session: int, epoch: int, now_ms: int) -> bool:
+        """Whether the lease that is held names this station; without signatures it is enough that it names no other."""
         is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
+        if self._channel.seal is None:
+            return not (is_held and self._is_anothers(epoch, None, gs_session))
         return is_held and self.executor.lease.holder_session == gs_session
 
-    def _still_has_control(self, command_id: CommandId, now_ms: int) -> bool:
+    def _has_control(self, command_id: CommandId) -> bool:
         """Whether no other station has taken the place of the one that sent a command that has begun."""
         entry = self.ledger.get(command_id)
-        return entry is not None and not self._is_anothers(entry.record.epoch, command_id.gs_session, now_ms)
+        return entry is not None and not entry.record.is_lost
 
-    def _is_anothers(self, epoch: int, gs_session: int, now_ms: int) -> bool:
-        """Whether the drone's control has gone to another station, as far as the newest lease says."""
-        is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
-        holder = self.executor.lease.holder_session if is_held and epoch <= self.epoch else None
-        return epoch < self.epoch or holder not in (None, gs_session)
+    def on_holder(self, holder_session: int | None, epoch: int, activator: int) -> None:
+        """The newest lease's holder, under an epoch of an activator session; others lose control for good."""
+        self.epoch, self._activator = epoch, activator
+        self.executor.lease.holder_session = holder_session
+        for entry in self.ledger.open_entries():
+            if self._is_anothers(entry.record.epoch, entry.record.activator, entry.id.gs_session):
+                entry.record.is_lost = True
+
+    def _is_anothers(self, epoch: int, activator: int | None, gs_session: int) -> bool:
+        """Whether by the newest lease another station has taken the place of one that commands under `epoch`.
+
+        One whose epoch is higher, as the same activator session counts it, is a newer holder. Epochs of two activator
+        sessions do not compare, and a signed station may name any.
+        """
+        holder, is_comparable = self.executor.lease.holder_session, activator in (None, self._activator)
+        if is_comparable and epoch > self.epoch and self._channel.seal is None:
+            return False
+        return holder != gs_session and (holder is not None or (is_comparable and epoch < self.epoch))
 
     def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
         """Pass effects on, and turn words into results, recorded in ledger and journal before they leave."""

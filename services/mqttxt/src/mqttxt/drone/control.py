@@ -16,6 +16,9 @@ from .commands import CommandDesk
 from .effects import Effect
 from .grants import Grants
 
+MOST_ACTIVATORS = 16
+"""Activator sessions of which the newest lease's counter is remembered."""
+
 
 class SessionControl:
     """The newest lease of one UAV client session, which it applies to the session's commands (`desk`)."""
@@ -30,6 +33,8 @@ class SessionControl:
         self._desk = desk
         self._owners = owners
         self._grants = Grants()
+        self._counters: dict[int, int] = {}
+        """The newest lease's counter of each of the last activator sessions."""
 
     def take(self, lease: DroneLease) -> bool:
         """Apply a lease and return True, unless it is older than the known one."""
@@ -37,8 +42,18 @@ class SessionControl:
             return False
         self.lease = lease
         self.is_refused = False
+        self._counters.pop(lease.activator_session, None)
+        self._counters[lease.activator_session] = lease.counter or 0
+        if len(self._counters) > MOST_ACTIVATORS:
+            del self._counters[next(iter(self._counters))]
         self._apply()
         return True
+
+    def is_of_before(self, lease: DroneLease) -> bool:
+        """Whether a lease stood in a connection while another activator session's was taken (R6.10)."""
+        if self.lease is None or lease.activator_session == self.lease.activator_session or lease.counter is None:
+            return False
+        return lease.counter <= self._counters.get(lease.activator_session, -1)
 
     def on_refusal(self, lease: DroneLease, is_armed: bool) -> list[Log | Stop]:
         """Stop, as another client has the drone's number; with signed messages not while armed (R9.5)."""
@@ -109,8 +124,7 @@ class SessionControl:
             elif holder_session is not None:
                 self._owners.restore(holder_session, station)
             until_ms, offboard_ms = self._grants.bound(station, holder_session, until_ms, offboard_ms)
-        self._desk.epoch = lease.epoch
         self._desk.held_until_ms = lease.deadline_ms
         self._desk.executor.lease.until_ms = until_ms
         self._desk.executor.lease.offboard_until_ms = offboard_ms
-        self._desk.executor.lease.holder_session = holder_session
+        self._desk.on_holder(holder_session, lease.epoch, lease.activator_session)

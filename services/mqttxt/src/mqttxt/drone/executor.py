@@ -130,6 +130,7 @@ class Executor:
         run.sends -= 1
         if run.sends > 0:
             return []
+        self._takeoffs.unsaid(run.command)
         run.phase = Phase.WAITING
         return [self._runs.end(run, Word.EXPIRED)] if late else []
 
@@ -185,7 +186,7 @@ class Executor:
     def leave(self, now_ms: int) -> list[Output]:
         """Before the process ends, begin nothing more, and stop what must not go on without it: offboard commands."""
         self.permit.is_leaving = True
-        return self._pilot.leave(now_ms)
+        return [*self._acknowledgements.unexplained(), *self._pilot.leave(now_ms)]
 
     def _observe(self, now_ms: int) -> list[Output]:
         out: list[Output] = []

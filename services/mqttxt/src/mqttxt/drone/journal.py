@@ -21,6 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..core.disk import is_fault, sync_folder, write_all
+from ..core.forgotten import Forgotten
 from ..errors import ConfigurationError
 from ..protocol.messages import CommandId
 from ..security.files import replaceable
@@ -28,12 +29,14 @@ from . import journal_front
 from .answers import Unfinished
 from .effects import Journal
 from .journal_front import Front
-from .journal_lines import front_line, gap_line, is_journal, line_of, parsed
+from .journal_lines import forgotten_line, front_line, gap_line, is_journal, line_of, parsed
 
 logger = logging.getLogger("mqttxt.journal")
 
 MOST_DELIVERED = 500
 """The number of delivered last words that are kept; far more than ten minutes of them."""
+MOST_FORGOTTEN = 1000
+"""The number of stations' sessions whose dropped words are remembered."""
 MOST_OUTDATED = 1000
 """The number of outdated lines above which the file is written anew."""
 ASKED_FOR_S = 25 * 3600
@@ -67,6 +70,7 @@ class JournalFile:
         self._noted_s = 0.0
         self._open: dict[CommandId, Unfinished] = {}
         self._delivered: dict[CommandId, Unfinished] = {}
+        self._forgotten = Forgotten(MOST_FORGOTTEN)
         self._file: int | None = None
         self._lock: int | None = None
         self._lines = 0
@@ -80,7 +84,7 @@ class JournalFile:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = _lock(self._path)
             if self._path.exists():
-                self._gap_s = self._read()
+                self._read()
             self._write_anew()
         except OSError as error:
             self._drop_front()
@@ -102,6 +106,11 @@ class JournalFile:
         """All records, also of earlier sessions: first the ids without a delivered last word."""
         return [*self._open.values(), *self._delivered.values()]
 
+    @property
+    def forgotten(self) -> list[CommandId]:
+        """The highest dropped id of each station's session: it and lower ones may have been in the journal."""
+        return list(self._forgotten)
+
     def record(self, effect: Journal, is_begun: bool = False) -> None:
         """Write one record and wait until it is on the disk. Raises OSError, and then forgets an opening.
 
@@ -121,7 +130,8 @@ class JournalFile:
         if self._is_failing:
             self._is_failing = False
             logger.warning("journal %s: can be written again", self._path)
-        if effect.done and self._lines > 2 * len(self._open) + len(self._delivered) + MOST_OUTDATED:
+        kept = 2 * len(self._open) + len(self._delivered) + len(self._forgotten)
+        if effect.done and self._lines > kept + MOST_OUTDATED:
             self._make_smaller()
 
     def close(self) -> None:
@@ -195,6 +205,7 @@ class JournalFile:
         lines = self._gap_lines(0) if self._gap_s is not None else [gap_line(ASKED_FOR_S)]
         if self.front is not None:
             lines.append(front_line(self.front.name))
+        lines += map(forgotten_line, self._forgotten)
         lines += [line_of(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
         lines += [
             line_of(Journal(left.id, left.command, left.word, left.reason, True)) for left in self._delivered.values()
@@ -228,7 +239,13 @@ class JournalFile:
         said = known if known is not None and left.word is None else left
         self._delivered[left.id] = replace(said, delivered=True)
         while len(self._delivered) > MOST_DELIVERED:
-            del self._delivered[next(iter(self._delivered))]
+            self._forget(next(iter(self._delivered)))
+
+    def _forget(self, command_id: CommandId) -> None:
+        """Remember a dropped id, and drop its record. A session that has to make room for it is a gap."""
+        self._delivered.pop(command_id, None)
+        if self._forgotten.note(command_id):
+            self._gap_s, self._began_s, self._noted_s = 0.0, self._clock_s(), 0.0
 
     def _may_be_journal(self) -> bool:
         """Whether a journal may replace the file. What a disk does not give is not judged."""
@@ -240,25 +257,26 @@ class JournalFile:
     def _text(self) -> str:
         return self._path.read_text(encoding="ascii", errors="replace")
 
-    def _read(self) -> float | None:
-        """The age of the gap in seconds, None without a gap. Without a readable line the records may be lost."""
-        gap_s, is_readable = self._read_lines(self._text())
-        if not self._lines:
-            return 0.0
+    def _read(self) -> None:
+        """Read the records and the age of the gap. Without a readable line the records may be lost."""
+        text = self._text()
+        self._gap_s = ASKED_FOR_S  # no gap, unless a line names one or has no place
+        is_readable = self._read_lines(text) and self._lines > 0
         if self._left_front is not None:
             found = journal_front.read(self._left_front)
-            is_readable = is_readable and found is not None and self._read_lines(found)[1]
+            is_readable = is_readable and found is not None and self._read_lines(found)
         if not is_readable:
-            return 0.0
-        return gap_s if gap_s is None or gap_s < ASKED_FOR_S else None
+            self._gap_s = 0.0
+        elif self._gap_s >= ASKED_FOR_S:
+            self._gap_s = None
 
-    def _read_lines(self, text: str) -> tuple[float | None, bool]:
-        """The age of the gap that the text names, and whether all of it is readable. Unreadable lines are left out.
+    def _read_lines(self, text: str) -> bool:
+        """Whether all of the text is readable. Unreadable lines are left out.
 
         An unreadable last line without an end is no gap: it was being written when the power failed, and its command
         was not begun.
         """
-        gap_s, is_readable = None, True
+        is_readable = True
         lines = text.split("\n")
         for number, line in enumerate(lines, start=1):
             if not line:
@@ -266,16 +284,18 @@ class JournalFile:
             try:
                 match parsed(line):
                     case int() as age_s:
-                        gap_s = age_s
+                        self._gap_s = age_s
                     case str() as front:
                         self._left_front = front
+                    case CommandId() as dropped:
+                        self._forget(dropped)
                     case left, done:
                         self._take(left, done)
                 self._lines += 1
             except ValueError:
                 logger.warning("journal %s: line %d cannot be read and is left out", self._path, number)
                 is_readable = is_readable and number == len(lines)
-        return gap_s, is_readable
+        return is_readable
 
 
 def _lock(path: Path) -> int | None:

@@ -16,6 +16,8 @@ GAP = "gap_s"
 """The only field of the line that gives a gap's age."""
 FRONT = "front"
 """The only field of the line that names the front, which may have records that this journal lacks."""
+FORGOTTEN = "forgotten"
+"""The only field of a line with a station's session and its highest `seq` that the journal has dropped."""
 _BEGINNINGS = tuple(f'{{"{name}": ' for name in (GAP, FRONT, "gs_session"))
 """How a journal begins; with a gap's age, unless an earlier version wrote it."""
 _LAST_WORDS = {word.label: word for word in Word if word.is_last}
@@ -44,12 +46,17 @@ def front_line(name: str) -> bytes:
     return _line({FRONT: name})
 
 
+def forgotten_line(command_id: CommandId) -> bytes:
+    """The line with the highest id of a station's session that was dropped."""
+    return _line({FORGOTTEN: command_id})
+
+
 def _line(plain: dict[str, Any]) -> bytes:
     return json.dumps(plain).encode("ascii") + b"\n"
 
 
-def parsed(line: str) -> int | str | tuple[Unfinished, bool]:
-    """What a line says: a gap's age in seconds, a front's name, or a record and whether it is done.
+def parsed(line: str) -> int | str | CommandId | tuple[Unfinished, bool]:
+    """What a line says: a gap's age in seconds, a front's name, a dropped id, or a record and whether it is done.
 
     Raises ValueError for a line that no journal has.
     """
@@ -59,6 +66,8 @@ def parsed(line: str) -> int | str | tuple[Unfinished, bool]:
             return _age_s(plain[GAP])
         if list(plain) == [FRONT] and isinstance(front := plain[FRONT], str):
             return front
+        if list(plain) == [FORGOTTEN]:
+            return _checked(CommandId(*plain[FORGOTTEN]))
         return _restored(plain)
     except (KeyError, TypeError, RecursionError, PayloadError) as error:
         raise ValueError(f"no line of a journal: {error!r}") from error
@@ -90,12 +99,17 @@ def _age_s(plain: Any) -> int:
 
 def _restored(record: Any) -> tuple[Unfinished, bool]:
     """One record, and whether it is done. Raises one of several errors for one that `line_of` does not write."""
-    command_id = CommandId(record["gs_session"], record["seq"])
+    command_id = _checked(CommandId(record["gs_session"], record["seq"]))
     word = _LAST_WORDS[record["word"]] if record["word"] is not None else None
     left = Unfinished(command_id, record["command"], word, record["reason"])
-    spoken = word or Word.UNCONFIRMED
-    encode(ResultMessage(gs_session=left.id.gs_session, seq=left.id.seq, session=1, stamp=0, word=spoken))
     FogSide().parse(FogSide().commands_result(1, left.command))
     if not isinstance(left.reason, str | None) or not isinstance(record["done"], bool):
         raise ValueError("reason or done")
     return left, record["done"]
+
+
+def _checked(command_id: CommandId) -> CommandId:
+    """The id. Raises PayloadError for one that no message can have."""
+    gs_session, seq = command_id
+    encode(ResultMessage(gs_session=gs_session, seq=seq, session=1, stamp=0, word=Word.UNCONFIRMED))
+    return command_id

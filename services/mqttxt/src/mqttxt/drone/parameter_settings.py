@@ -105,7 +105,7 @@ class ParameterSettings:
         if any(step.changes for step in steps):
             if self._permit.is_leaving:
                 return []
-            if not self._permit.has_control(one.id, now_ms):
+            if not self._permit.has_control(one.id):
                 return self._end(one, Word.UNCONFIRMED if one.is_written else Word.DENIED, NOT_IN_CONTROL, now_ms)
         out: list[Output] = [
             Transmit(step.message, one.deadline_ms, one.id) if step.changes else Transmit(step.message)

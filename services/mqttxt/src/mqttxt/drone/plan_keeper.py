@@ -201,7 +201,7 @@ class PlanKeeper:
             is_bound = step.changes and job.id is not None and not (job.changes_lists and job.is_begun)
             if is_bound and self._permit.is_leaving:
                 return out
-            if is_bound and job.id is not None and not self._permit.has_control(job.id, now_ms):
+            if is_bound and job.id is not None and not self._permit.has_control(job.id):
                 word = Word.UNCONFIRMED if job.is_begun else Word.DENIED
                 return [*out, *self._end(job, now_ms, word, NOT_IN_CONTROL)]
             out.append(Transmit(step.message, job.deadline_ms, job.id) if is_bound else Transmit(step.message))

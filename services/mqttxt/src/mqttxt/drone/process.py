@@ -91,6 +91,7 @@ class UavRunner(Runner):
             topics=topics,
             policies=policies,
             unfinished=journal.unfinished,
+            forgotten=journal.forgotten,
             remembers=not journal.has_gap,
             options=options,
             seal=seal,

@@ -15,7 +15,7 @@ from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.control import DroneLease
 from ..protocol.logs import LOGS
-from ..protocol.messages import BeaconMessage, Presence
+from ..protocol.messages import BeaconMessage, CommandId, Presence
 from ..protocol.parameters import PARAMETERS, ParameterSet
 from ..protocol.plans import PLAN
 from ..protocol.policies import Policy
@@ -55,6 +55,7 @@ class UavClient:
         topics: FogSide | None = None,
         policies: dict[str, Policy] | None = None,
         unfinished: list[Unfinished] | None = None,
+        forgotten: list[CommandId] | None = None,
         remembers: bool = True,
         options: UavOptions | None = None,
         seal: Seal | None = None,
@@ -84,6 +85,7 @@ class UavClient:
             self.executor,
             owners,
             unfinished=unfinished or [],
+            forgotten=forgotten or [],
             remembers=remembers,
             has_paths=paths is not None,
             is_audited=is_audited,
@@ -282,6 +284,8 @@ class UavClient:
             lease = decode(DroneLease, self._channel.opened(message, self._activator))
             if lease.drone_session != self.session:
                 return []
+            if self._control.is_of_before(lease):
+                return [Log("old_lease", f"a lease over {message.path}: of an earlier activator session")]
             is_plain = self._channel.seal is None  # a signed lease is always from the drone's fog
             if self.paths is not None and is_plain and not self.paths.takes(lease, message.path, now_ms):
                 return [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -171,6 +172,8 @@ class Runs:
         self.now_ms = 0
         self._runs: list[Run] = []
         self._ended: list[tuple[int, frozenset[FlightModeName]]] = []
+        self._unsure_mission_ms = -math.inf
+        """When the newest start of a mission ended that nobody knows of."""
 
     def __iter__(self) -> Iterator[Run]:
         """Iterate over a copy, so that a run may end meanwhile."""
@@ -183,8 +186,9 @@ class Runs:
         return next((run for run in self._runs if run.id == command_id), None)
 
     def has_mission(self) -> bool:
-        """Whether a mission's start is open: the drone may fly it before a heartbeat shows that."""
-        return any(isinstance(run.command, StartMission | Resume) for run in self._runs)
+        """Whether a mission's start is open, or was lately: the drone may fly it before a heartbeat shows that."""
+        is_open = any(isinstance(run.command, StartMission | Resume) for run in self._runs)
+        return is_open or self.now_ms - self._unsure_mission_ms <= OWN_MODE_MS
 
     def end(
         self,
@@ -202,6 +206,8 @@ class Runs:
             word, reason = Word.UNCONFIRMED, "no_ack"
         if word.is_definite_no and run.may_have_changed:
             word, reason = Word.FAILED, reason or word.label
+        if word is Word.UNCONFIRMED and isinstance(run.command, StartMission | Resume):
+            self._unsure_mission_ms = self.now_ms
         return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
 
     def own_modes(self, besides: Run) -> frozenset[FlightModeName]:

@@ -31,13 +31,20 @@ class Takeoffs:
         self._mode = FlightModeName.TAKEOFF
         self._entered = False
         self._next_hold_ms = 0
+        self._before = self._said_ms, self._said_number, self._mode, self._entered
 
     def said(self, command: Command, now_ms: int) -> None:
         """Note that a command is being written."""
         if type(command) not in _MODES:
             return
-        self._mode = _MODES[type(command)]
+        self._before = self._said_ms, self._said_number, self._mode, self._entered
         self._said_ms, self._said_number, self._entered = now_ms, self._vehicle.number, False
+        self._mode = _MODES[type(command)]
+
+    def unsaid(self, command: Command) -> None:
+        """The newest of these commands was never written: a mode is a pilot's, or the one's before."""
+        if type(command) in _MODES:
+            self._said_ms, self._said_number, self._mode, self._entered = self._before
 
     def undo(self, now_ms: int) -> list[Output]:
         """Command hold every `HOLD_AGAIN_MS` while the autopilot is disarmed in the command's mode."""

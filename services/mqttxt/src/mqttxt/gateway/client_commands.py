@@ -10,8 +10,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from ..core.ledger import OVERRIDING
 from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded
-from ..protocol.commands import Command, Hold, Resume, StartMission, Stream
+from ..protocol.commands import Command, Disarm, Hold, Resume, StartMission, Stream
 from ..protocol.messages import Word
 from ..protocol.states import Severity
 from ..station.outcomes import Outcome
@@ -37,6 +38,8 @@ MAVSDK's `arm()` enters HOLD first where the drone was in a mission or returned.
 REPEAT_MS, NUMBERED_REPEAT_MS = 1000, 10_000
 """How long after its end a command counts as repeated; the latter where `confirmation` marks a repetition, and then
 also after its newest repetition."""
+
+STOPPING: Final = (*OVERRIDING, Disarm)
 
 RESULTS: Final[dict[Word, int | None]] = {
     Word.COMPLETED: ACCEPTED,
@@ -66,9 +69,10 @@ class ClientCommand:
     """A command of a client; `result` is None until the final acknowledgement, for which it `waits`.
 
     `place`: its number among all commands, in the order in which clients sent them. `confirmation`: that of the
-    first message. `is_stopping`: it stops the drone. `is_quiet`: it gets no IN_PROGRESS. `is_declined`: it got a
-    definite no. `is_kept`: it waits until the drone has its client's plan. `ground_hold`: for a HOLD before arming,
-    the future of whether the drone accepts it. `repeated_ms`: when its newest repetition came.
+    first message. `command`: what it means, None if it means nothing. `is_quiet`: it gets no IN_PROGRESS.
+    `is_declined`: it got a definite no. `is_kept`: it waits until the drone has its client's plan. `ground_hold`:
+    for a HOLD before arming, the future of whether the drone accepts it. `repeated_ms`: when its newest repetition
+    came.
     """
 
     client: Client
@@ -78,7 +82,7 @@ class ClientCommand:
     next_progress_ms: int
     place: int
     confirmation: int
-    is_stopping: bool = False
+    command: Command | None = None
     is_quiet: bool = False
     percent: int = PERCENT_UNKNOWN
     result: int | None = None
@@ -103,17 +107,18 @@ class ClientCommand:
         if not self.is_quiet:
             self.acknowledge(IN_PROGRESS, self.percent)
 
-    def is_repeated(self, confirmation: int, is_newest: bool, now_ms: int) -> bool:
-        """Whether an equal request of its client is a repetition; `is_newest`: that client asked nothing else since.
+    def is_repeated(self, confirmation: int, newest: ClientCommand, now_ms: int) -> bool:
+        """Whether an equal request of its client is a repetition; `newest` is what that client asked for last.
 
-        A client that numbers its repetitions changes `confirmation`. Another one may always send the same number. Its
-        stopping command behind another one may be meant anew, and is harmless if it is not.
+        A client that numbers its repetitions changes `confirmation`. Another one may always send the same number. Then
+        an open stop behind a command that flies on is meant anew, and a hold behind anything: the drone stops at worst.
         """
         if confirmation and confirmation != self.confirmation:
             return not self.is_past(now_ms)
-        if self.waits:
-            return is_newest or not self.is_stopping
-        return is_newest and not self.is_declined and now_ms - self.ended_ms <= REPEAT_MS
+        if newest is self:
+            return self.waits or (not self.is_declined and now_ms - self.ended_ms <= REPEAT_MS)
+        stops_anew = isinstance(self.command, Hold) or not isinstance(newest.command, STOPPING)
+        return self.waits and not (isinstance(self.command, STOPPING) and stops_anew)
 
     def is_past(self, now_ms: int) -> bool:
         """Whether no repetition of it comes any more."""

@@ -7,9 +7,8 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ..core.ledger import OVERRIDING
 from ..protocol.codec import encode
-from ..protocol.commands import Arm, Command, Disarm, Resume, StartMission, Takeoff
+from ..protocol.commands import Arm, Command, Resume, StartMission, Takeoff
 from ..protocol.states import Severity
 from ..station.heard import SentCommand
 from ..station.outcomes import Outcome
@@ -21,6 +20,7 @@ from .client_commands import (
     GROUND_HOLD_MS,
     MODE_PATIENCE_MS,
     PROGRESS_MS,
+    STOPPING,
     ClientCommand,
     acknowledge,
     declining,
@@ -38,7 +38,6 @@ UNANSWERED_MS = 10_000
 """How long to wait for a command's first word after the last moment at which the command may start."""
 MOST_UNDER_WAY = 32
 """Commands for one drone without a last word; those that stop it are not limited."""
-_STOPPING = (*OVERRIDING, Disarm)
 
 
 class Desk(Worker):
@@ -83,7 +82,7 @@ class Desk(Worker):
                 return
             meant = replace(view, named=self._uploads.mission(client, drone.number))
             command = command_of(request, meant, takeoff_m)
-            entry.is_stopping, entry.is_quiet = isinstance(command, _STOPPING), is_quiet(request, command)
+            entry.command, entry.is_quiet = command, is_quiet(request, command)
             self._group.create_task(self._carry_out(entry, drone, command))
         except Declined as declined:
             entry.decline(declined, self._now_ms())
@@ -134,7 +133,7 @@ class Desk(Worker):
     @contextlib.contextmanager
     def _room(self, entry: ClientCommand, command: Command) -> Iterator[None]:
         """Count a command as under way; raises Declined if there are too many for its drone."""
-        if self._under_way[entry.drone] >= MOST_UNDER_WAY and not isinstance(command, _STOPPING):
+        if self._under_way[entry.drone] >= MOST_UNDER_WAY and not isinstance(command, STOPPING):
             text = f"{name_of(entry.request.mav_cmd)}: {MOST_UNDER_WAY} commands for this drone have no last word yet"
             raise Declined(text, NOT_NOW)
         self._under_way[entry.drone] += 1

@@ -36,7 +36,7 @@ class Requests:
         if known is None:
             return None
         newest = next(one for one in reversed(own.values()) if one is known or not one.is_declined)
-        return known if known.is_repeated(confirmation, newest is known, now_ms) else None
+        return known if known.is_repeated(confirmation, newest, now_ms) else None
 
     def _bring(self, client: Client, drone: int, request: Request) -> None:
         """Give a client the command that it asked for over a connection that is gone, and repeats over this one."""

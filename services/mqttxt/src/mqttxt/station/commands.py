@@ -11,6 +11,7 @@ from ..core.channel import Channel
 from ..core.clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
 from ..core.effects import Effect, Log, Publish
 from ..core.ledger import KEEP_MS, OVERRIDING
+from ..core.overriding import SAFETY, LaterHolds
 from ..core.settings import GRACE_MS, TOGETHER_MS, Retry
 from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import BROADCASTABLE, Command, Offboard
@@ -64,6 +65,7 @@ class StationCommands:
         self._seq = 0
         self.overriding_seq = -1
         """The sequence number of the last hold, land or return."""
+        self._later_holds = LaterHolds()
 
     def send(
         self,
@@ -93,6 +95,7 @@ class StationCommands:
         pending.signed_for = tuple(signed.entries) if signed is not None else ()
         if isinstance(command, OVERRIDING):
             self.overriding_seq = message.seq
+            self._later_holds.note(fog.number, drone, message.seq)
         return message.id, [pending.publish]
 
     def select(
@@ -172,6 +175,7 @@ class StationCommands:
             drone,
             message.command,
             Publish(LINK, topic, payload, self._settings.qos, expiry_s=expiry_s(ttl_ms)),
+            due_ms=now_ms + ttl_ms,
             close_at_ms=now_ms + ttl_ms + round(message.limit_s * 1000) + 2 * GRACE_MS,
             retry=Retry.of(self._settings.qos, now_ms, ttl_ms, self._waits_ms(drone, message)),
             roster=None,
@@ -247,9 +251,20 @@ class StationCommands:
                 return [Log("missing_from_roster", f"fog {fog.number} left drones {missing} out of {result.id}")]
         return []
 
-    def ask_again(self, fog_number: int) -> list[Output]:
+    def ask_again(self, fog_number: int, now_ms: int) -> list[Output]:
         """The same bytes again after a lost connection: a duplicate is answered, not executed."""
-        return [p.publish for p in self.pending.values() if p.fog == fog_number and p.is_open]
+        asked = (pending for pending in self.pending.values() if pending.fog == fog_number and pending.is_open)
+        return [pending.publish for pending in asked if self._may_repeat(pending, now_ms)]
+
+    def _may_repeat(self, pending: Pending, now_ms: int) -> bool:
+        """Whether its repetition could not start what a later hold, land or return has overridden (R10.1)."""
+        if now_ms >= pending.due_ms or pending.words:  # a question, or one that the executor has: it is answered
+            return True
+        if isinstance(pending.command, SAFETY) or pending.mode is SelectMode.RELEASE:
+            return True
+        if pending.mode is not None:
+            return pending.id.seq > self.overriding_seq
+        return not self._later_holds.overrides(pending.fog, pending.drone, pending.id.seq)
 
     def sign_again(self) -> None:
         """Sign the open commands with the newest key for their repetitions: an older key may be revoked by then."""
@@ -280,9 +295,9 @@ class StationCommands:
     def _tick_one(self, pending: Pending, fog: FogView, now_ms: int) -> list[Output]:
         if now_ms > pending.close_at_ms:
             return self._give_up(pending, now_ms)
-        if pending.retry is not None and fog.registered and pending.retry.is_due(now_ms):
-            return [pending.publish]
-        return []
+        if pending.retry is None or not fog.registered or not self._may_repeat(pending, now_ms):
+            return []
+        return [pending.publish] if pending.retry.is_due(now_ms) else []
 
     def _give_up(self, pending: Pending, now_ms: int) -> list[Output]:
         out = self._say_to_open(pending, Word.UNCONFIRMED, None, now_ms)

@@ -17,8 +17,11 @@ from .outcomes import Outcome
 class Pending:
     """A command of this station. `roster` has the drones that it concerns, None until they are known.
 
+    It has to start before `due_ms`; from then on its repetition is a question.
+
     `signed_for` has the drones that it is signed for, `signers` the signer of each drone's newest word, and `denied_by`
-    the signer of the denial of the whole command.
+    the signer of the denial of the whole command. `begun` has the drones that have said a first word of it themselves:
+    a definite no of theirs is then never the truth (R5.9).
 
     `mode` is that of a select message, None for a command to a drone or to all of a fog. `committed` is the drone to
     which a commit goes: any other one's word is not about it, because a restarted activator asks every drone (R7.8).
@@ -29,6 +32,7 @@ class Pending:
     drone: int | None
     command: Command
     publish: Publish
+    due_ms: int
     close_at_ms: int
     retry: Retry | None
     roster: tuple[int, ...] | None
@@ -39,6 +43,7 @@ class Pending:
     signers: dict[int, str | None] = field(default_factory=dict)
     percents: dict[int, int | None] = field(default_factory=dict)
     furthest: dict[int, int] = field(default_factory=dict)
+    begun: set[int] = field(default_factory=set)
     unconfirmed_here: set[int] = field(default_factory=set)
     denied: bool = False
     denied_by: str | None = None
@@ -81,10 +86,12 @@ class Pending:
             if outcome.percent is not None:
                 self.furthest[drone] = outcome.percent
             self.retry = Retry.after_word(qos, now_ms)
+            if not word.is_last and outcome.signer in (None, own):
+                self.begun.add(drone)
             if word is Word.UNCONFIRMED:
                 self.unconfirmed_here.add(drone)
             return [replace(outcome, word=word, reason=reason, settled=False)]
-        if outcome.word is before:
+        if outcome.word is before or (drone in self.begun and outcome.word.is_definite_no):
             return []
         if drone in self.unconfirmed_here and outcome.signer in (None, own) and outcome.word.is_last:
             self.unconfirmed_here.discard(drone)

@@ -249,7 +249,7 @@ class StationRole:
     def _on_beacon(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
         beacon = decode(BeaconMessage, self._channel.opened(message, fog.name))
         events, confirmed = fog.on_beacon(beacon, now_ms)
-        asked = self.commands.ask_again(fog.number) if confirmed else []
+        asked = self.commands.ask_again(fog.number, now_ms) if confirmed else []
         return [*events, *asked, *self._on_list(fog, fog.name, beacon.revoked, now_ms)]
 
     def _on_presence(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
