@@ -31,7 +31,8 @@ class Takeoffs:
         self._mode = FlightModeName.TAKEOFF
         self._entered = False
         self._next_hold_ms = 0
-        self._before = self._said_ms, self._said_number, self._mode, self._entered
+        self._before: tuple[int | None, int, FlightModeName, bool] = None, 0, self._mode, False
+        """What was noted before the newest command."""
 
     def said(self, command: Command, now_ms: int) -> None:
         """Note that a command is being written."""
