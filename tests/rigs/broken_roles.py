@@ -46,6 +46,7 @@ from mqttxt.drone.command_writer import CommandWriter
 from mqttxt.drone.commands import CommandDesk
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.grants import Grants
+from mqttxt.drone.holder import Holder
 from mqttxt.drone.logs.reader import LogReader
 from mqttxt.drone.mavlink import parameter_protocol, px4, signing
 from mqttxt.drone.mavlink.boots import Boots
@@ -168,8 +169,8 @@ def uav_forgets_the_order(original: Any, self: Any, *arguments: Any) -> Any:
     return original(self, *arguments)
 
 
-@variant(CommandDesk, "_is_anothers")
-def uav_obeys_everybody(original: Any, self: Any, epoch: int, *more: Any) -> Any:
+@variant(Holder, "_has_replaced")
+def uav_obeys_everybody(original: Any, self: Any, gs_session: int, epoch: int, activator: int | None) -> Any:
     return epoch < self.epoch
 
 

@@ -270,7 +270,7 @@ def leases_of(world: World) -> list[Publish]:
 
 def control(world: World) -> tuple[int | None, int, bool]:
     executor = world.uav.desk.executor
-    return executor.lease.holder_session, world.uav.desk.epoch, world.uav.is_controlled(world.now_ms)
+    return executor.lease.holder_session, world.uav.desk.holder.epoch, world.uav.is_controlled(world.now_ms)
 
 
 def deliver(world: World, publish: Publish) -> None:

@@ -265,7 +265,7 @@ def test_a_command_that_waited_for_the_disk_is_judged_again(uav: UavClient) -> N
     uav.desk.on_journalled(CommandId(GS_SESSION, 5), 1800)
     assert words(uav.desk.on_journalled(CommandId(GS_SESSION, 4), 1900)) == [(Word.OVERTAKEN, None)]
     uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(Arm(), seq=6, epoch=0))), 2000)
-    uav.desk.epoch = 1
+    uav.desk.holder.epoch = 1
     assert words(uav.desk.on_journalled(CommandId(GS_SESSION, 6), 2100)) == [(Word.DENIED, "not_in_control")]
 
 

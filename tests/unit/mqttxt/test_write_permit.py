@@ -150,6 +150,16 @@ def test_epochs_of_two_activator_sessions_do_not_compare() -> None:
     assert words(out) == [(Word.ACCEPTED, None), *REFUSED]
 
 
+def test_who_was_led_by_an_earlier_activator_session_is_not_obeyed_for_its_epoch() -> None:
+    """Its command stood in a connection; the new session's leases name another station, then this one."""
+    uav = flying()
+    lease(uav, 1050, epoch=5, holder_session=GS_SESSION, deadline_ms=30_000, counter=2)
+    lease(uav, 1100, activator_session=10, epoch=0, holder_session=ANOTHER, deadline_ms=30_000, counter=1)
+    assert words(hear(uav, command_payload(HERE, seq=1, epoch=5), 1200)) == REFUSED
+    lease(uav, 1300, activator_session=10, epoch=1, holder_session=GS_SESSION, deadline_ms=30_000, counter=2)
+    assert kinds(hear(uav, command_payload(HERE, seq=2, epoch=1), 1400)) == [REPOSITION]
+
+
 def test_an_epoch_is_no_excuse_where_messages_are_signed() -> None:
     """A station may sign any epoch."""
     world = signed_world()
@@ -308,4 +318,4 @@ def test_a_lease_of_an_earlier_activator_that_stood_in_a_connection_changes_noth
     for counter, now_ms in enumerate(range(60_100, 100_000, 2000), start=50):
         led(now_ms, "second", ANOTHER, counter, 10)
         assert uav.is_controlled(now_ms)
-    assert (uav.executor.lease.holder_session, uav.desk.epoch) == (ANOTHER, 1)
+    assert (uav.executor.lease.holder_session, uav.desk.holder.epoch) == (ANOTHER, 1)

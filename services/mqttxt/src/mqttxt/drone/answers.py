@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..core.clock import stamp
 from ..core.effects import Publish
 from ..protocol.messages import BeaconMessage, By, CommandId, ResultMessage, Word
 from ..protocol.words import NO_DEADLINE
+from .holder import Authority
 from .runs import Said
 
 
 @dataclass
 class CommandResults:
     """A command's results: its name for the topic, the newest word, and whether a last word was acknowledged.
-
-    `epoch` is that of the drone's control by which its station sent it, as `activator` counts it: the activator session
-    of the lease at its admission. `is_lost`: another station has taken its station's place since.
 
     `said` is that word as it was published, to answer repetitions of the command.
 
@@ -25,9 +23,7 @@ class CommandResults:
     """
 
     name: str
-    epoch: int = 0
-    activator: int | None = None
-    is_lost: bool = False
+    authority: Authority = field(default_factory=Authority)
     newest: ResultMessage | None = None
     said: Publish | None = None
     delivered: bool = False

@@ -26,6 +26,7 @@ from .answers import CommandResults, Unfinished, result_of
 from .effects import Effect, Journal
 from .executor import Executor
 from .first_words import FirstWords
+from .holder import Holder
 from .runs import Output, Said
 from .start_order import StartOrder
 
@@ -39,8 +40,7 @@ class CommandDesk:
 
     `unfinished` are those of earlier sessions; `forgotten` those that the journal has dropped, by their highest.
     `remembers` false: the journal of earlier sessions is missing or has a gap, so the outcome of an id that may have
-    been theirs is unknown. `epoch` is that of the drone's control, which the activator's lease ends at
-    `held_until_ms`. Commands are judged by the lease alone, because they have their own deadline (R12.14).
+    been theirs is unknown. `holder` has control by the newest lease.
     `may_publish` is set while the client is born, `republish_at_ms` when a last word has to be published again. While
     `is_audited` returns False, commands other than hold, land and return are denied (R14.6); None: no audit log is
     required. `has_paths`: the client has several connections to the fog.
@@ -71,9 +71,7 @@ class CommandDesk:
         executor.permit.has_control = self._has_control
         self.may_publish = False
         self.republish_at_ms: int | None = None
-        self.epoch = 0
-        self._activator: int | None = None
-        self.held_until_ms: int | None = None
+        self.holder = Holder(channel.seal is not None)
         self.is_audited = is_audited
         self._drone = drone
         self._session = session
@@ -171,7 +169,7 @@ class CommandDesk:
         self.ledger.enter(
             command.id,
             command.command,
-            CommandResults(command.command.name, command.epoch, self._activator),
+            CommandResults(command.command.name, self.holder.authority(command.epoch)),
             known_until_ms,
             share,
             station,
@@ -226,7 +224,7 @@ class CommandDesk:
             return Said(command.id, Word.DENIED, "deadline_too_far")
         if now_ms > deadline_ms:
             return Said(command.id, Word.EXPIRED)
-        if command.epoch < self.epoch or not self._is_in_control(command.gs_session, command.epoch, now_ms):
+        if not self.holder.obeys(command.gs_session, command.epoch, now_ms):
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
         if self.order.is_overtaken(command):
             return Said(command.id, Word.OVERTAKEN)
@@ -234,36 +232,16 @@ class CommandDesk:
             return Said(command.id, Word.DENIED, NOT_AUDITED)
         return None
 
-    def _is_in_control(self, gs_session: int, epoch: int, now_ms: int) -> bool:
-        """Whether the lease that is held names this station; without signatures it is enough that it names no other."""
-        is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
-        if self._channel.seal is None:
-            return not (is_held and self._is_anothers(epoch, None, gs_session))
-        return is_held and self.executor.lease.holder_session == gs_session
-
     def _has_control(self, command_id: CommandId) -> bool:
         """Whether no other station has taken the place of the one that sent a command that has begun."""
         entry = self.ledger.get(command_id)
-        return entry is not None and not entry.record.is_lost
+        return entry is not None and not entry.record.authority.is_lost
 
-    def on_holder(self, holder_session: int | None, epoch: int, activator: int) -> None:
-        """The newest lease's holder, under an epoch of an activator session; others lose control for good."""
-        self.epoch, self._activator = epoch, activator
+    def on_lease(self, holder_session: int | None, epoch: int, activator: int, until_ms: int | None) -> None:
+        """A newer lease of the drone."""
         self.executor.lease.holder_session = holder_session
-        for entry in self.ledger.open_entries():
-            if self._is_anothers(entry.record.epoch, entry.record.activator, entry.id.gs_session):
-                entry.record.is_lost = True
-
-    def _is_anothers(self, epoch: int, activator: int | None, gs_session: int) -> bool:
-        """Whether by the newest lease another station has taken the place of one that commands under `epoch`.
-
-        One whose epoch is higher, as the same activator session counts it, is a newer holder. Epochs of two activator
-        sessions do not compare, and a signed station may name any.
-        """
-        holder, is_comparable = self.executor.lease.holder_session, activator in (None, self._activator)
-        if is_comparable and epoch > self.epoch and self._channel.seal is None:
-            return False
-        return holder != gs_session and (holder is not None or (is_comparable and epoch < self.epoch))
+        begun = ((entry.id, entry.record.authority) for entry in self.ledger.open_entries())
+        self.holder.on_lease(holder_session, epoch, activator, until_ms, begun)
 
     def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
         """Pass effects on, and turn words into results, recorded in ledger and journal before they leave."""

@@ -124,7 +124,6 @@ class SessionControl:
             elif holder_session is not None:
                 self._owners.restore(holder_session, station)
             until_ms, offboard_ms = self._grants.bound(station, holder_session, until_ms, offboard_ms)
-        self._desk.held_until_ms = lease.deadline_ms
         self._desk.executor.lease.until_ms = until_ms
         self._desk.executor.lease.offboard_until_ms = offboard_ms
-        self._desk.on_holder(holder_session, lease.epoch, lease.activator_session)
+        self._desk.on_lease(holder_session, lease.epoch, lease.activator_session, lease.deadline_ms)
