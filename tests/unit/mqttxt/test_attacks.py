@@ -190,9 +190,9 @@ def retained_garbage(attacker: Attacker) -> None:
 
 
 def command_past_the_activator(attacker: Attacker) -> None:
-    """Fog: straight to the UAV client, in nobody's name."""
+    """Fog: straight to the UAV client, in nobody's name, under an epoch like a new holder's."""
     soon_ms = attacker.world.now_ms + 5000
-    attacker.say(FOG, "drone1/commands", command_payload(Arm(), gs_session=EVE, deadline_ms=soon_ms))
+    attacker.say(FOG, "drone1/commands", command_payload(Arm(), gs_session=EVE, epoch=1, deadline_ms=soon_ms))
 
 
 def second_client_of_the_drone(attacker: Attacker) -> None:
