@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from itertools import starmap
 
 from ..protocol.messages import CommandId
+from .highest import Highest
 
 
 class Forgotten:
     """The highest forgotten id of each station's session, for as many sessions as there are `places`."""
 
     def __init__(self, places: int) -> None:
-        self._places = places
-        self._highest: dict[int, int] = {}
+        self._highest = Highest[int](places)
 
     def __len__(self) -> int:
         return len(self._highest)
@@ -23,13 +23,8 @@ class Forgotten:
 
     def note(self, command_id: CommandId) -> bool:
         """Note an id; returns whether the session that was noted longest ago had to make room for it."""
-        session = command_id.gs_session
-        self._highest[session] = max(command_id.seq, self._highest.pop(session, -1))
-        if len(self._highest) <= self._places:
-            return False
-        del self._highest[next(iter(self._highest))]
-        return True
+        return self._highest.note(command_id.gs_session, command_id.seq)
 
     def may_have(self, command_id: CommandId) -> bool:
         """Whether an id that is not known may have been: as high a one of its session, or a higher, was forgotten."""
-        return command_id.seq <= self._highest.get(command_id.gs_session, -1)
+        return command_id.seq <= self._highest.of(command_id.gs_session)

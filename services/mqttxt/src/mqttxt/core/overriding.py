@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from ..protocol.commands import Disarm, Pause
+from .highest import Highest
 from .ledger import FOG_CAPACITY, OVERRIDING
 
 SAFETY = (*OVERRIDING, Disarm, Pause)
@@ -20,19 +21,17 @@ class LaterHolds:
     """
 
     def __init__(self) -> None:
-        self._highest: dict[tuple[int, int | None], int] = {}
+        self._highest = Highest[tuple[int, int | None]](FOG_CAPACITY)
 
     def note(self, sender: int, target: int | None, seq: int) -> None:
         """Note a hold, land or return to a drone, or to all drones."""
         for key in ((sender, _ANY), (sender, target)):
-            self._highest[key] = max(seq, self._highest.pop(key, -1))
-        while len(self._highest) > FOG_CAPACITY:
-            del self._highest[next(iter(self._highest))]
+            self._highest.note(key, seq)
 
     def overrides_choice(self, sender: int, seq: int) -> bool:
         """Whether one of them is later than a choice of a drone, whichever drone it is for."""
-        return seq < self._highest.get((sender, _ANY), -1)
+        return seq < self._highest.of((sender, _ANY))
 
     def overrides(self, sender: int, target: int | None, seq: int) -> bool:
         """Whether one of them is later than a command to a drone, or to all, and for the same drones."""
-        return seq < max(self._highest.get((sender, target), -1), self._highest.get((sender, None), -1))
+        return seq < max(self._highest.of((sender, target)), self._highest.of((sender, None)))

@@ -71,7 +71,7 @@ class CommandDesk:
         executor.permit.has_control = self._has_control
         self.may_publish = False
         self.republish_at_ms: int | None = None
-        self.holder = Holder(channel.seal is not None)
+        self.holder = Holder(executor.lease, channel.seal is not None)
         self.is_audited = is_audited
         self._drone = drone
         self._session = session
@@ -239,7 +239,6 @@ class CommandDesk:
 
     def on_lease(self, holder_session: int | None, epoch: int, activator: int, until_ms: int | None) -> None:
         """A newer lease of the drone."""
-        self.executor.lease.holder_session = holder_session
         begun = ((entry.id, entry.record.authority) for entry in self.ledger.open_entries())
         self.holder.on_lease(holder_session, epoch, activator, until_ms, begun)
 

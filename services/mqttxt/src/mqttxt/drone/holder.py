@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..protocol.messages import CommandId
+from .held_lease import HeldLease
 
 MOST_REPLACED = 64
 """Stations without control of which it is remembered that an earlier activator session led them."""
@@ -25,16 +26,16 @@ class Authority:
 
 
 class Holder:
-    """The station that has control by the newest lease, until `until_ms`.
+    """The station that has control by the newest lease, until `until_ms`; its session is `lease`'s.
 
     Commands are judged by the lease alone, because they have their own deadline (R12.14). Where messages are signed,
     only a lease proves control; otherwise it is enough that the lease names no other station.
     """
 
-    def __init__(self, is_signed: bool) -> None:
-        self.session: int | None = None
+    def __init__(self, lease: HeldLease, is_signed: bool) -> None:
         self.epoch = 0
         self.until_ms: int | None = None
+        self._lease = lease
         self._is_signed = is_signed
         self._activator: int | None = None
         self._replaced: dict[int, None] = {}
@@ -50,7 +51,7 @@ class Holder:
         if epoch < self.epoch:
             return False
         if self._is_signed:
-            return is_held and self.session == gs_session
+            return is_held and self._lease.holder_session == gs_session
         return not (is_held and self._has_replaced(gs_session, epoch, self._activator))
 
     def on_lease(
@@ -64,13 +65,14 @@ class Holder:
         """A newer lease; of the commands that have `begun`, those of other stations lose their authority for good."""
         commands = list(begun)
         if session is not None and self._activator not in (None, activator):
-            led = [self.session, *(command_id.gs_session for command_id, _ in commands)]
+            led = [self._lease.holder_session, *(command_id.gs_session for command_id, _ in commands)]
             self._replaced |= dict.fromkeys(one for one in led if one is not None)
             while len(self._replaced) > MOST_REPLACED:
                 del self._replaced[next(iter(self._replaced))]
         if session is not None:
             self._replaced.pop(session, None)
-        self.session, self.epoch, self.until_ms, self._activator = session, epoch, until_ms, activator
+        self._lease.holder_session = session
+        self.epoch, self.until_ms, self._activator = epoch, until_ms, activator
         for command_id, authority in commands:
             if self._has_replaced(command_id.gs_session, authority.epoch, authority.activator):
                 authority.is_lost = True
@@ -83,6 +85,6 @@ class Holder:
         """
         is_comparable = activator == self._activator
         is_newer = is_comparable and epoch > self.epoch and gs_session not in self._replaced
-        if gs_session == self.session or (is_newer and not self._is_signed):
+        if gs_session == self._lease.holder_session or (is_newer and not self._is_signed):
             return False
-        return self.session is not None or (is_comparable and epoch < self.epoch)
+        return self._lease.holder_session is not None or (is_comparable and epoch < self.epoch)
