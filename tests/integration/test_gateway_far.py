@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from mavsdk.plugins.param import ParamError
 
 from sitl.px4.parameters import SPECS
 from tests.integration.test_gateway_plans import M_PER_DEGREE, point
-from tests.rigs.far_link import Far
 from tests.rigs.gateway import NAN, Flight, Ground, eventually, systems
 from tests.simulation.far import FAR_LINKS, FarLink
 
@@ -44,26 +42,22 @@ def ground(tmp_path: Path, link: FarLink) -> Iterator[Ground]:
 class Calls:
     """MAVSDK's calls, made again as its programs and people do: after its time-out, and where the command has expired.
 
-    `late` are those that were, `held_up` those of them during which the link lost something.
+    `late` are those that were. How long answers take on such links is simulated, in tests/unit/mqttxt/test_answers_far.
     """
 
-    def __init__(self, flight: Flight, far: Far) -> None:
+    def __init__(self, flight: Flight) -> None:
         self.late: list[str] = []
-        self.held_up: list[str] = []
         self._flight = flight
-        self._far = far
 
     async def make(self, name: str, call: Callable[[], Awaitable[Any]]) -> Any:
         for _ in range(MOST_TRIES):
-            known, began_s = len(self._flight.texts), time.monotonic()
+            known = len(self._flight.texts)
             try:
                 return await call()
             except (ActionError, MissionError, ParamError) as error:
                 if "TIMEOUT" not in str(error) and not await self._has_expired(error, known):
                     raise
                 self.late.append(name)
-                if self._far.is_clear_s > began_s:
-                    self.held_up.append(name)
         raise AssertionError(f"{name}: late {MOST_TRIES} times")
 
     async def _has_expired(self, error: Exception, known: int) -> bool:
@@ -82,8 +76,7 @@ async def test_mavsdk_reads_sets_uploads_and_flies_from_far_away(
 ) -> None:
     system = (await systems(mavsdk))[1]
     flight, param, mission = Flight(system), ParamAsync(system), MissionAsync(system)
-    assert ground.far is not None
-    telemetry, action, calls = flight.telemetry, flight.action, Calls(flight, ground.far)
+    telemetry, action, calls = flight.telemetry, flight.action, Calls(flight)
     await eventually(telemetry.health, lambda health: health.is_armable and health.is_home_position_ok)
     await eventually(telemetry.battery, lambda battery: battery.remaining_percent > 50)
     found = await calls.make("get_all_params", param.get_all_params)
@@ -122,6 +115,4 @@ async def test_mavsdk_reads_sets_uploads_and_flies_from_far_away(
     await eventually(telemetry.armed, lambda armed: not armed)
     flight.close()
     with capsys.disabled():
-        told = f"{', '.join(calls.late) or 'none'}, of them by losses: {', '.join(calls.held_up) or 'none'}"
-        print(f"\n{link.name}: MAVSDK's calls that were late: {told}")
-    assert not link.is_in_time or calls.late == calls.held_up
+        print(f"\n{link.name}: MAVSDK's calls that were late: {', '.join(calls.late) or 'none'}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import random
 import threading
-import time
 from typing import Self
 
 from tests.rigs.processes import free_port, listens, wait_until
@@ -23,8 +22,6 @@ class Far:
         self._there = there
         self._link = link
         self._rng = random.Random(7)
-        self.is_clear_s = 0.0
-        """When the newest lost segment has arrived, by the monotonic clock: until then it may hold up others."""
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -59,7 +56,6 @@ class Far:
                 late_s = self._link.one_way_ms / 1000
                 while self._rng.random() < self._link.loss:
                     late_s += AGAIN * self._link.one_way_ms / 1000
-                    self.is_clear_s = time.monotonic() + late_s
                 arrives = max(arrives, loop.time() + late_s)
                 under_way.put_nowait((arrives, data))
         except ConnectionError:
