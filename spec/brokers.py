@@ -17,6 +17,7 @@ from mqttxt.errors import ConfigurationError
 from mqttxt_conformance.broker import SIDES
 from mqttxt_conformance.registry import RULES, Need, Rule, Verdict
 
+from .pages import pages
 from .tables import filled, table
 
 _CELLS = {Verdict.PASS.value: "pass", Verdict.FAIL.value: "**fail**", Verdict.NOT_TESTED.value: "–"}
@@ -69,7 +70,7 @@ def _sides(report: dict[str, Any]) -> list[str]:
 
 def main(*files: str) -> None:
     """Write the tables into `files`."""
-    for path in map(Path, files):
+    for path in pages(files):
         found = reports(path.with_suffix(""))
         sections: dict[str, Callable[[], str]] = {
             "broker-rules": rules_table,

@@ -18,6 +18,7 @@ from testbed.errors import ResultsError
 from testbed.plan.documents import ROOT
 from testbed.plan.wording import PROTOCOL_NAMES
 
+from .pages import metrics_of
 from .svg import Drawing
 from .tables import table
 
@@ -141,8 +142,8 @@ def draw(flights: Sequence[Flight]) -> Drawing:
 def main(*folders: str) -> None:
     """Write all attempts of the series that count."""
     found = []
-    for folder in map(Path, folders):
-        metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    for path in metrics_of(folders):
+        metrics = json.loads(path.read_text(encoding="utf-8"))
         for protocol, entry in metrics["protocols"].items():
             found += [flight(protocol, attempt) for attempt in entry["attempts"]]
     found.sort(key=lambda one: (one.drones, one.fogs, one.protocol))

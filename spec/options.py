@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterable
 from dataclasses import fields
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import typer
@@ -19,6 +18,7 @@ from mqttxt.cli.station import DroneOptions, StationOptions
 from mqttxt_conformance import activator, activator_air, activator_signed, gs, uav, uav_air
 from mqttxt_conformance.registry import RULES, Rule
 
+from .pages import pages
 from .tables import filled, table
 
 Row = tuple[str, str, str]
@@ -141,7 +141,7 @@ def main(*files: str) -> None:
     rules["two-brokers"] = RULES["activator with two brokers"]
     rules["signed-activator"] = activator_signed.rules()
     sections |= {f"rules-{role}": partial(rules_list, checked) for role, checked in rules.items()}
-    for path in map(Path, files):
+    for path in pages(files):
         path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""The documents' pictures, made from the code and from the fleet: `python -m spec.pictures FOLDER`.
+"""The documents' pictures, made from the code and from the fleet: `python -m spec.pictures FOLDER…`.
 
 A test checks that the pictures in docs/pictures are up to date.
 """
@@ -10,8 +10,7 @@ import json
 import re
 import sys
 from collections.abc import Callable
-from itertools import pairwise
-from pathlib import Path
+from itertools import pairwise, product
 from statistics import mean
 
 from rich.console import Console
@@ -31,6 +30,7 @@ from testbed.present.report import terminal as report_terminal
 from testbed.present.summary.page import PAGE
 
 from . import flights, load_picture
+from .pages import folders
 from .svg import Drawing
 
 _MISSION = {"mqttxt": "mission (mqttxt)", "mavlink": "mission (MAVSDK)"}
@@ -210,10 +210,10 @@ PICTURES: dict[str, Callable[[], str]] = {
 }
 
 
-def main(folder: str) -> None:
-    """Write every picture into `folder`."""
-    for name, draw in PICTURES.items():
-        (Path(folder) / f"{name}.svg").write_text(draw(), encoding="utf-8")
+def main(*directories: str) -> None:
+    """Write every picture into `directories`."""
+    for folder, (name, draw) in product(folders(directories), PICTURES.items()):
+        (folder / f"{name}.svg").write_text(draw(), encoding="utf-8")
 
 
 if __name__ == "__main__":

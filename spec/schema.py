@@ -1,13 +1,12 @@
 """The schemas of both payload forms, made from the messages themselves: JSON Schema and CDDL (RFC 8610).
 
-`python -m spec.schema DIRECTORY` writes them; a test checks that the repository's copies are up to date.
+`python -m spec.schema FOLDER…` writes them; a test checks that the repository's copies are up to date.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
 from mqttxt.protocol import bulk, bundles, control, logs, messages, parameters, plans, rankings, readings
@@ -15,6 +14,8 @@ from mqttxt.protocol.codec import FieldLayout, Layout, layout_of
 from mqttxt.protocol.fields import VERSION, Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.state_payload import message_class
 from mqttxt.protocol.states import STATES
+
+from .pages import folders
 
 MESSAGES: tuple[type[Any], ...] = (
     messages.BeaconMessage,
@@ -183,11 +184,11 @@ def _cddl_type(mark: Any, rules: dict[str, str]) -> str:
     return _rule(mark, rules)
 
 
-def main(directory: str) -> None:
-    """Write both schemas into `directory`."""
-    target = Path(directory)
-    (target / f"payload-v{VERSION}.schema.json").write_text(json.dumps(json_schema(), indent=1) + "\n")
-    (target / f"payload-v{VERSION}.cddl").write_text(cddl())
+def main(*directories: str) -> None:
+    """Write both schemas into `directories`."""
+    for folder in folders(directories):
+        (folder / f"payload-v{VERSION}.schema.json").write_text(json.dumps(json_schema(), indent=1) + "\n")
+        (folder / f"payload-v{VERSION}.cddl").write_text(cddl())
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import is_dataclass
-from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from mqttxt.drone.mavlink.guarded_parameters import GUARDED as GUARDED_PARAMETERS
@@ -26,6 +25,7 @@ from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, Topic
 from mqttxt.protocol.values import item_of, mark_of
 
 from .examples import examples
+from .pages import pages
 from .schema import MESSAGES, rule_name
 
 _UNITS = {"_m_s": "m/s", "_deg": "°", "_pct": "%", "_ms": "ms", "_s": "s", "_m": "m", "_v": "V", "_a": "A", "_hz": "Hz"}
@@ -313,7 +313,7 @@ def filled(text: str, sections: Mapping[str, Callable[[], str]] = SECTIONS) -> s
 
 def main(*files: str) -> None:
     """Write the tables into `files`."""
-    for path in map(Path, files):
+    for path in pages(files):
         path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
 
 

@@ -30,19 +30,6 @@ def test_the_tables_are_what_the_command_writes(tmp_path: Path) -> None:
     assert copy.read_text() == PAGE.read_text(), "run make docs"
 
 
-@pytest.mark.parametrize("named", ["--help", "missing.md", "docs", "README.md"])
-def test_what_is_no_page_with_data_is_one_line(
-    named: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(ROOT)
-    with pytest.raises(SystemExit) as ended:
-        scale.main(named)
-    assert ended.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(named.removesuffix(".md"))
-    assert line.endswith("no such file; expected the path of a page under docs")
-
-
 def test_no_command_of_any_run_was_lost_late_or_doubled() -> None:
     runs = [*read_runs(), *read_runs(RUNS.with_name("cluster.json"))]
     assert len(runs) > 6
