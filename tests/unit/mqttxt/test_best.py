@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -247,6 +248,24 @@ async def test_empty_lists_whose_denials_are_lost_are_an_answer_all_the_same() -
     station = Station({1: {}, 2: {}}, {})
     answer = last_word(await choose(station, ttl_s=0.01))
     assert (answer.drone, answer.word, answer.reason) == (None, Word.DENIED, "none_eligible")
+
+
+@pytest.mark.parametrize("listed", [(), (Candidate(drone=7, arrival_s=1.0),), (Candidate(drone=4),)])
+async def test_an_offer_without_its_drones_arrival_goes_before_no_other(listed: tuple[Candidate, ...]) -> None:
+    class Strange(Station):
+        def _offer(self, command_id: CommandId, fog: int, before: int | None) -> PsmiList:
+            said = super()._offer(command_id, fog, before)
+            return replace(said, listed=listed) if fog == 2 else said
+
+    station = Strange(FLEET, {1: FLIES})
+    assert last_word(await choose(station)).drone == 1
+    assert station.sent == [1]
+
+
+def test_a_list_with_figures_missing_is_shown_without_them() -> None:
+    listed = (Candidate(drone=1, distance_m=0.0, arrival_s=0.0), Candidate(drone=2, arrival_s=5.0))
+    shown = str(PsmiList(1, CommandId(1, 1), listed, (), 1))
+    assert shown.splitlines() == ["fog 1: PSMI [1, 2]", "  drone 1: 0 m, 0.0 s"]
 
 
 async def test_a_limit_that_no_command_can_have_is_refused_before_any_fog_is_asked() -> None:

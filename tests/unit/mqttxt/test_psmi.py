@@ -182,6 +182,26 @@ def test_after_a_definite_no_the_next_one_is_tried(bench: ActivatorBench, word: 
     assert denial(bench.word(1, word)) == "none_left"
 
 
+@pytest.mark.parametrize("mode", [SelectMode.SELECT, SelectMode.OFFER])
+def test_a_drone_that_another_choice_has_since_is_not_tried(mode: SelectMode) -> None:
+    bench = flock(3, 1, 2)
+    bench.select(TARGET)
+    assert psmi(bench.select(TARGET, seq=2, mode=mode))[0].chosen == 3
+    effects = bench.word(2, Word.DENIED)
+    assert sent_to(effects) == [1]
+    (message,) = psmi(effects)
+    assert (numbers(message.listed), reasons(message)) == ([2, 1], {3: "busy"})
+
+
+def test_where_other_choices_have_all_the_rest_none_is_left(bench: ActivatorBench) -> None:
+    bench.select(TARGET)
+    bench.select(TARGET, seq=2, mode=SelectMode.OFFER)
+    effects = bench.word(2, Word.DENIED)
+    assert sent_to(effects) == []
+    assert denial(effects) == "none_left"
+    assert sent_to(bench.select(TARGET, seq=3, mode=SelectMode.COMMIT, reservation=2)) == [1]
+
+
 @pytest.mark.parametrize("word", [Word.FAILED, Word.UNCONFIRMED, Word.SUPERSEDED, Word.OVERTAKEN, Word.COMPLETED])
 def test_after_any_other_last_word_nobody_else_is_sent(bench: ActivatorBench, word: Word) -> None:
     bench.select(TARGET)

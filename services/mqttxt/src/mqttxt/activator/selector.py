@@ -139,7 +139,7 @@ class Selector(Part):
             leases=self._leases,
             gs_session=wanted.gs_session,
             epoch=wanted.epoch,
-            busy=busy_drones(self._relay.ledger.open_entries()) | {held.drone for held in self._reservations.values()},
+            busy=self._busy(),
             tried=tried,
             stale_ms=self._to_cloud.settings.state_limit_ms,
             now_ms=now_ms,
@@ -198,8 +198,22 @@ class Selector(Part):
             return self._on_answer(entry, now_ms)
         if choice.is_sending:
             return []
+        self._leave_out_busy(choice)
         end = self._end(entry, choice, leg, now_ms)
         return self._try_next(entry, choice, now_ms) if end is None else end
+
+    def _leave_out_busy(self, choice: Choice) -> None:
+        """Leave out drones that are another command's or another offer's since the list was made (R7.6)."""
+        busy, rest = self._busy(), choice.listed[choice.next_index :]
+        free = tuple(candidate for candidate in rest if candidate.drone not in busy)
+        taken = [replace(candidate, reason="busy") for candidate in rest if candidate.drone in busy]
+        choice.listed = choice.listed[: choice.next_index] + free
+        choice.left_out = tuple(sorted([*choice.left_out, *taken], key=lambda candidate: candidate.drone))
+
+    def _busy(self) -> set[int]:
+        """The drones that are flying a command, or are reserved."""
+        reserved = {held.drone for held in self._reservations.values()}
+        return reserved | busy_drones(self._relay.ledger.open_entries())
 
     def _end(self, entry: Entry[Job], choice: Choice, leg: Leg, now_ms: int) -> list[Effect] | None:
         """End a choice after a drone's last word; None if the next drone is to be tried."""

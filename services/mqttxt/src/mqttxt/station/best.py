@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 from collections.abc import AsyncIterator, Sequence
 
 from ..core.clock import SessionClock
 from ..errors import FogUnreachable, MqttxtError
 from ..protocol.commands import Command
 from ..protocol.messages import Word
-from ..protocol.rankings import SelectMode
+from ..protocol.rankings import Candidate, SelectMode
 from ..protocol.words import PASSED_OVER
 from .commands import check_limit
 from .heard import SentCommand
@@ -103,8 +104,14 @@ async def _choose(
 
 
 def _arrival(offer: Offer) -> tuple[float, int]:
-    first = offer[1].listed[0]
-    return first.arrival_s or 0.0, first.drone
+    chosen = _chosen(offer[1])
+    assert chosen is not None
+    return chosen.arrival_s if chosen.arrival_s is not None else math.inf, chosen.drone
+
+
+def _chosen(said: PsmiList) -> Candidate | None:
+    """The entry of the drone that a list names: None without one, and where the list has no such drone."""
+    return next((candidate for candidate in said.listed if candidate.drone == said.chosen), None)
 
 
 def _left_s(clock: SessionClock, start_until_ms: int) -> float:
@@ -143,7 +150,7 @@ def _ended(chosen: PsmiList, command: Command, reason: str) -> Outcome:
 def _reserved(answer: Answer) -> list[Offer]:
     """The offer in a fog's answer, if there is one."""
     runner, event = answer
-    return [(runner, event)] if isinstance(event, PsmiList) and event.chosen is not None else []
+    return [(runner, event)] if isinstance(event, PsmiList) and _chosen(event) is not None else []
 
 
 def _release(command: Command, held: list[Offer]) -> None:

@@ -160,7 +160,11 @@ class PsmiList:
 
     def __str__(self) -> str:
         lines = [f"fog {in_fleet(self.fleet, self.fog)}: PSMI {[candidate.drone for candidate in self.listed]}"]
-        lines += [f"  drone {c.drone}: {c.distance_m:.0f} m, {c.arrival_s:.1f} s" for c in self.listed if c.arrival_s]
+        lines += [
+            f"  drone {c.drone}: {c.distance_m:.0f} m, {c.arrival_s:.1f} s"
+            for c in self.listed
+            if c.distance_m is not None and c.arrival_s is not None
+        ]
         return "\n".join(lines + [f"  drone {c.drone} left out: {printable(c.reason or '')}" for c in self.left_out])
 
 
