@@ -8,7 +8,7 @@ import pytest
 
 from mqttxt import Battery, Location, StateUpdate
 from mqttxt.page import live
-from mqttxt.page.fleet import STALE_MS
+from mqttxt.station.views import STALE_MS
 from tests.rigs.live_page import NEEDS_BROWSER, LivePage
 from tests.rigs.made_up_page import served, shown
 from tests.rigs.processes import eventually, free_port
@@ -97,7 +97,7 @@ async def test_a_key_that_is_held_on_the_map_clicks_once() -> None:
         assert await asyncio.to_thread(browser.value, "document.querySelectorAll('#draft-rows tr').length") == 1
 
 
-@pytest.mark.parametrize("another", ["fog", "station", "fleet"])
+@pytest.mark.parametrize("another", ["fog", "station", "fleet", "broker"])
 async def test_a_program_that_comes_back_as_another_one_begins_anew(another: str) -> None:
     """A page that was left open: its drones, and which of them are selected, are not those of now."""
     first, second, port = FakeStation(), FakeStation(), free_port()
@@ -105,6 +105,8 @@ async def test_a_program_that_comes_back_as_another_one_begins_anew(another: str
         second.the_fog.number = 2
     elif another == "station":
         second.name = "another"
+    elif another == "broker":
+        second.broker = "127.0.0.1:1890"  # as of the demo
     else:
         second.prefix = "acme/eu/"
     with LivePage() as browser:

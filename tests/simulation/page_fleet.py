@@ -85,6 +85,7 @@ class FakeDrone:
         self.readings: list[SensorReading] = []
         self.uploaded: list[Plan] = []
         self.upload_ttl_s = 0.0
+        self.upload_timeout_s: float | None = None
         self.upload_word: Outcome | Exception = outcome(Word.COMPLETED)
         self.states: dict[str, KnownState[State]] = {}
         self._station = station
@@ -100,9 +101,11 @@ class FakeDrone:
     def send(self, command: Command, *, ttl_s: float) -> FakeSent:
         return self._station.sent_to(self.number, command, ttl_s)
 
-    async def upload(self, plan: Plan, *, ttl_s: float, progress: Callable[[int, int], None]) -> Outcome:
+    async def upload(
+        self, plan: Plan, *, ttl_s: float, progress: Callable[[int, int], None], timeout_s: float | None = None
+    ) -> Outcome:
         self.uploaded.append(plan)
-        self.upload_ttl_s = ttl_s
+        self.upload_ttl_s, self.upload_timeout_s = ttl_s, timeout_s
         for done in (0, 1024, 1500):
             progress(done, 1500)
             await asyncio.sleep(0)
@@ -138,6 +141,7 @@ class FakeStation:
 
     name = "page"
     prefix = ""
+    broker = "cloud.example:8883"
 
     def __init__(self, drones: int = 2, fleet: str = "") -> None:
         self.heard: asyncio.Queue[Event | Exception | None] = asyncio.Queue()

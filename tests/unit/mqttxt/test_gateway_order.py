@@ -181,6 +181,20 @@ async def test_a_command_is_not_sent_if_a_station_takes_the_drone_while_control_
     assert (bench.drone.commands, bench.acks()) == ([], [(192, CANCELLED)])
 
 
+async def test_a_command_is_not_sent_if_another_client_takes_the_drone_while_control_is_awaited(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    bench.drone.grants = False
+    first, second = bench.client(), bench.client("safety", 245)
+    await bench.ask(first, GOTO)
+    await bench.send(second, mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
+    assert bench.clients.controllers[1] == second
+    bench.drone.is_controlled = True
+    await asyncio.sleep(0.02)
+    await bench.settle()
+    assert (bench.drone.commands, bench.acks()) == ([], [(192, CANCELLED)])
+    assert bench.texts()[-1] == "DO_REPOSITION given up: its client has lost control"
+
+
 # Repetitions
 
 

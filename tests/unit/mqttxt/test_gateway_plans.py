@@ -344,6 +344,21 @@ async def test_with_take_over_the_second_upload_ends_the_first(group: Any) -> No
     ]
 
 
+@pytest.mark.parametrize("by", ["command", "control", "station"])
+async def test_a_list_whose_client_lost_control_before_its_last_item_is_not_carried(group: Any, by: str) -> None:
+    bench = Bench(group, take_over=by == "command")
+    first, second = bench.client(), bench.client("script", 245)
+    await bench.send(first, count(2), item(0))
+    if by == "station":
+        await bench.taken()
+    else:
+        take = Request(32100, (1.0, 1.0, 1.0, None, None, None, None))
+        await bench.ask(second, HOLD if by == "command" else take)
+    await bench.send(first, item(1))
+    assert (bench.drone.uploads, acks(bench)) == ([], [(DENIED, 0)])
+    assert bench.texts()[-1] == "mission upload: control is lost, not sent: the old one stays"
+
+
 async def test_who_sends_no_heartbeats_uploads_nothing(
     bench: Bench, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -43,6 +43,7 @@ from mqttxt.gateway.endpoints import ClientAddress
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.process import SILENT_MS, Gateway
 from mqttxt.gateway.telemetry import LOCAL
+from mqttxt.station.views import STALE_MS
 from tests.rigs.loopback import free_port
 from tests.simulation import desk
 from tests.simulation.page_fleet import FakeStation
@@ -230,6 +231,11 @@ async def test_a_drone_that_is_silent_or_gone_or_does_not_say_what_it_is_is_not_
     airframe = first.states.pop(Airframe.name)
     assert await shown() == {2}
     first.states[Airframe.name] = airframe
+    assert await shown() == {1, 2}
+    del first.states[VelocityNed.name]
+    first.age(STALE_MS + 1)
+    assert await shown() == {2}, "it never had a position, and its autopilot is gone"
+    first.age(STALE_MS)
     assert await shown() == {1, 2}
 
 

@@ -9,11 +9,12 @@ from typing import Any, cast
 
 import pytest
 
-from mqttxt import Battery, FlightMode, FlightModeName, Fog, Gps, Location, SensorReading, homeassistant
+from mqttxt import Armed, Battery, FlightMode, FlightModeName, Fog, Gps, Location, SensorReading, homeassistant
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Publish, Will
 from mqttxt.core.floods import MOST_READINGS
 from mqttxt.homeassistant import Entities, HomeAssistant
+from mqttxt.station.views import STALE_MS
 from tests.rigs.processes import eventually
 from tests.unit.mqttxt.test_metrics import FakeDrone, FakeFog, known
 from tests.unit.mqttxt.typed import refused
@@ -36,7 +37,7 @@ def test_each_field_of_a_state_is_an_entity_of_its_drone() -> None:
     found = shown(FakeDrone(2, states=FLYING))
     battery = entity(found, "sensor", "battery_remaining_pct")
     assert (battery["unit_of_measurement"], battery["device_class"]) == ("%", "battery")
-    assert battery["value_template"] == "{{ value_json.battery_remaining_pct }}"
+    assert battery["value_template"] == "{{ value_json['battery_remaining_pct'] }}"
     assert battery["device"]["identifiers"] == ["mqttxt_drone2"]
     assert entity(found, "sensor", "location_altitude_m")["unit_of_measurement"] == "m"
     assert "hold" in entity(found, "sensor", "flight_mode")["options"]
@@ -58,6 +59,31 @@ def test_what_is_not_known_any_more_has_no_value_in_place_of_the_last() -> None:
     assert [each["mqttxt/drone2/state"]["gps_satellites"] for each in found] == [12, None]
     topic = "homeassistant/sensor/mqttxt_drone2_gps_satellites/config"
     assert [topic in each for each in found] == [True, False], "what was never known is no entity"
+
+
+def test_a_value_that_is_too_old_to_be_of_now_is_unknown() -> None:
+    """A UAV client whose autopilot is dead is reachable, and its last states would stand as those of now."""
+    young, old, unaged = (
+        known(Armed(True), FlightMode(FlightModeName.HOLD), age_ms=age_ms) for age_ms in (STALE_MS, STALE_MS + 1, None)
+    )
+    entities = Entities(cast("list[Fog]", [FakeFog(1, [drone := FakeDrone(2, states=young)])]))
+    values = []
+    for drone.states in (young, old, unaged):
+        found = json.loads(dict(entities.messages())["mqttxt/drone2/state"])
+        values.append((found["reachable"], found["armed"], found["flight_mode"]))
+    assert values == [(True, True, "hold"), (True, None, None), (True, True, "hold")]
+
+
+def test_a_readings_name_is_no_calculation() -> None:
+    """In a template `a-1` is one less than `a`, and Home Assistant takes no entity with a dot in its name."""
+    kinds = ("air", "air-1", "air.pressure", "air-2e-pressure")
+    given = [SensorReading(1, 2, 7, 1, 1, kind, float(place), "", 0) for place, kind in enumerate(kinds)]
+    found = shown(FakeDrone(2, readings=given))
+    configs = {topic: config for topic, config in found.items() if "_sensor7_" in topic}
+    keys = [re.fullmatch(r"\{\{ value_json\['(.*)'\] \}\}", config["value_template"]) for config in configs.values()]
+    assert [found["mqttxt/drone2/state"][key[1]] for key in keys if key is not None] == [0, 1, 2, 3]
+    assert all(re.fullmatch(r"homeassistant/sensor/[A-Za-z0-9_-]+/config", topic) for topic in configs)
+    assert len({config["unique_id"] for config in configs.values()}) == len(kinds)
 
 
 def test_a_place_is_a_device_on_the_map() -> None:
@@ -150,6 +176,18 @@ def test_a_sensor_that_makes_up_kinds_makes_no_entities_without_end() -> None:
     assert len(topics) == MOST_READINGS
     drone.readings = [SensorReading(1, 2, 4, 1, 1, "kind000", 2.5, "", 2000)]
     assert json.loads(dict(entities.messages())["mqttxt/drone2/state"])["sensor4_kind000"] == 2.5
+
+
+@pytest.mark.parametrize("new", [0, 1])
+def test_a_drone_that_two_fogs_know_is_as_the_one_sees_it_that_reaches_it(new: int) -> None:
+    """Else the device would come and go each second, and end with whatever the last fog says."""
+    here, gone = FakeDrone(2, states=known(Battery(60))), FakeDrone(2, is_reachable=False, states=known(Battery(90)))
+    fogs = [FakeFog(1, [gone]), FakeFog(2, [gone])]
+    fogs[new] = FakeFog(new + 1, [here])
+    found = list(Entities(cast("list[Fog]", fogs)).messages())
+    assert len(found) == len(dict(found)), "one payload for each topic"
+    assert json.loads(dict(found)["mqttxt/drone2/state"])["battery_remaining_pct"] == 60
+    assert dict(found)["mqttxt/drone2/available"] == "online"
 
 
 def test_drones_of_several_fleets_are_devices_of_their_own() -> None:

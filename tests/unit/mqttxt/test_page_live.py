@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
+import weakref
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from typing import Any, cast
@@ -21,6 +23,8 @@ from mqttxt import (
     ControlChanged,
     Fog,
     GroundStation,
+    Outcome,
+    Plan,
     PsmiList,
     Resume,
     SensorReading,
@@ -32,7 +36,7 @@ from mqttxt import (
 from mqttxt.page.desk import KEPT
 from mqttxt.page.history import MOST_CHARTS, MOST_POINTS, ChartKey, History
 from mqttxt.page.live import Live, Viewer, now_ms
-from mqttxt.station.views import UPLOAD_TTL_S
+from mqttxt.station.views import CARRIED_S, UPLOAD_TTL_S
 from tests.rigs.loopback import eventually
 from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
 
@@ -73,6 +77,7 @@ def newest(viewer: Viewer) -> dict[str, Any]:
 async def test_a_browser_is_sent_everything_once_and_then_what_changes(bench: Bench) -> None:
     first = bench.viewer.take()
     assert first["hello"]["station"] == "page"
+    assert first["hello"]["brokers"] == ["cloud.example:8883"], "by which a browser knows that it is another fleet now"
     assert [drone["drone"] for drone in first["drones"]] == [1, 2]
     assert first["drones"][0]["states"]["battery"] == {"age_ms": 100, "remaining_pct": 90}
     assert bench.viewer.take() == {}
@@ -139,6 +144,32 @@ async def test_a_command_to_several_is_sent_to_all_of_them_at_once(bench: Bench)
     assert [drone for drone, _ in bench.station.sent] == [1, 2]
     bench.ask(to={"fogs": [1]})
     assert bench.station.sent[-1][0] is None
+
+
+async def test_a_second_click_sends_no_second_drone_to_the_same_place(bench: Bench) -> None:
+    """The first drone is busy (R7.4), so that the fog would choose another one, to the same place and height."""
+    place = {"latitude_deg": 47.1, "longitude_deg": 8.1, "altitude_m": 20}
+    chosen: dict[str, Any] = {"command": "goto", "parameters": place, "to": {"best": [1]}}
+    bench.ask(**chosen)
+    again = bench.ask(**chosen)
+    assert again["error"].startswith("not sent: the same command has no last word yet: goto latitude 47.1")
+    assert len(bench.station.sent) == 1
+    bench.ask(**{**chosen, "parameters": place | {"altitude_m": 30}})
+    bench.ask(**{**chosen, "to": {"drones": [[1, 2]]}})
+    assert len(bench.station.sent) == 3, "another height, and a named drone"
+    bench.station.sent[0][1].words.put_nowait(outcome(Word.FAILED))
+    await eventually(lambda: not bench.live.orders()[0].waiting, "the first one's last word")
+    assert "error" not in bench.ask(**chosen)
+    assert len(bench.station.sent) == 4
+
+
+async def test_what_is_refused_is_in_the_log_as_what_is_sent_is(bench: Bench) -> None:
+    """The notice in the browser has room for the newest words alone."""
+    bench.ask("hold", at_ms=now_ms() - 6000)
+    bench.ask("hold")
+    texts = [entry["text"] for entry in bench.viewer.take()["log"]]
+    late = "not sent: it was asked for 6.0 s before it came to the page's program; expected less than 5 s for hold"
+    assert texts == [late, "hold to drone 1"]
 
 
 async def test_several_drones_are_taken_by_one_request(bench: Bench) -> None:
@@ -240,6 +271,47 @@ async def test_an_upload_that_was_held_back_on_its_way_has_less_time_and_is_not_
     bench.ask(do="upload", name="two.plan", text=plan_text(), at_ms=now_ms() - 20_000)
     await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
     assert drone.upload_ttl_s == pytest.approx(10.0, abs=0.5)
+
+
+async def test_a_start_behind_an_upload_flies_no_plan_of_before_it(bench: Bench) -> None:
+    """The drone still has the mission of before, and would fly it."""
+    bench.ask(do="upload", name="two.plan", text=plan_text())
+    await eventually(lambda: not bench.live.orders()[-1].waiting, "the first upload")
+    bench.ask(do="upload", name="other.plan", text=plan_text().replace("8.2", "8.3"))
+    bench.ask(do="start")  # both clicks came together, as through a tunnel that stalled
+    assert newest(bench.viewer)["words"][0]["text"].startswith("not sent: upload its plan first")
+    assert bench.station.sent == []
+
+
+async def test_an_upload_that_ends_while_a_newer_one_is_under_way_is_not_the_plan_to_fly(bench: Bench) -> None:
+    drone = bench.station.the_fog.drone(1)
+    first, second = asyncio.Event(), asyncio.Event()
+    gates = [first, second]
+
+    async def upload(plan: Plan, **more: Any) -> Outcome:
+        drone.uploaded.append(plan)
+        await gates.pop(0).wait()
+        return outcome(Word.COMPLETED)
+
+    drone.upload = upload  # type: ignore[method-assign]
+    bench.ask(do="upload", name="two.plan", text=plan_text())
+    bench.ask(do="upload", name="other.plan", text=plan_text().replace("8.2", "8.3"))
+    await eventually(lambda: not gates, "both are under way")
+    first.set()
+    await eventually(lambda: not bench.live.orders()[0].waiting, "the first one's end")
+    bench.ask(do="start")
+    between = [*bench.station.sent]
+    second.set()
+    await eventually(lambda: not bench.live.orders()[1].waiting, "the second one's end")
+    assert between == []
+    bench.ask(do="start")
+    assert [sent.command for _, sent in bench.station.sent] == [StartMission(drone.uploaded[1].mission_hash)]
+
+
+async def test_a_plan_that_does_not_reach_its_drone_is_not_carried_out_hours_later(bench: Bench) -> None:
+    bench.ask(do="upload", name="two.plan", text=plan_text())
+    await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
+    assert bench.station.the_fog.drone(1).upload_timeout_s == CARRIED_S
 
 
 async def test_a_file_is_looked_at_without_a_drone() -> None:
@@ -350,6 +422,20 @@ async def test_orders_are_bounded_and_so_is_what_is_remembered_of_them(bench: Be
     await bench.station.heard.put(outcome(Word.COMPLETED, seq=KEPT, settled=True))
     await eventually(lambda: len(bench.live.orders()[KEPT - 5].words) == 2, "the truth of one that is kept")
     assert sum(len(order.words) for order in bench.live.orders()) == KEPT + 1
+
+
+async def test_a_word_about_an_order_that_is_not_kept_any_more_keeps_nothing_of_it(bench: Bench) -> None:
+    bench.ask()
+    first = weakref.ref(bench.live.orders()[0])
+    for _ in range(KEPT):
+        bench.ask()
+    words = bench.station.sent[0][1].words
+    words.put_nowait(outcome(Word.ACCEPTED, seq=999))
+    words.put_nowait(outcome(Word.FAILED, seq=999))
+    await eventually(words.empty, "its words")
+    bench.ask()
+    bench.viewer.take()
+    await eventually(lambda: gc.collect() is not None and first() is None, "it is forgotten")
 
 
 async def test_what_ends_the_station_ends_the_page_with_its_one_line() -> None:

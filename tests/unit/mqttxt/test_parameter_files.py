@@ -61,6 +61,8 @@ def test_what_is_saved_is_read_as_the_same(file: Path, tmp_path: Path) -> None:
     ("line", "said"),
     [
         ("1\t1\tA\tfast\t9", "A: expected a number, got 'fast'"),
+        ("1\t1\tA\t1_5\t9", "A: expected a number, got '1_5'"),
+        ("1\t1\tA\t１\t9", "A: expected a number, got '１'"),
         ("1\t1\tA\t1.5\t6", "A: expected a whole number from -2147483648 to 2147483647, got 1.5"),
         ("1\t1\tA\t300\t1", "A: expected a whole number from 0 to 255, got 300.0"),
         ("1\t1\tA\tinf\t9", "A: expected a number of at most 3.403e+38 in size, got inf"),

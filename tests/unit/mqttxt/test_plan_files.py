@@ -273,6 +273,36 @@ def test_too_long_a_plan_is_refused_before_anything_is_sent(tmp_path: Path) -> N
         Plan.load(tmp_path / "long.plan")
 
 
+def of_a_fence(fence: Any, items: Any = ()) -> tuple[str, ...]:
+    mission = {"version": 2, "items": [*items]}
+    fence = {"version": 2, "circles": [], "polygons": []} | fence
+    with pytest.raises(ConfigurationError) as error:
+        Plan.parse(json.dumps({"fileType": "Plan", "version": 1, "mission": mission, "geoFence": fence}))
+    return error.value.lines
+
+
+@pytest.mark.parametrize(
+    ("fence", "where"),
+    [
+        ({"circles": [0] * 2001}, "geoFence: circles"),
+        ({"polygons": [0] * 2001}, "geoFence: polygons"),
+        ({"polygons": [{"polygon": [0] * 2001, "inclusion": True}]}, "geoFence polygon 1: polygon"),
+    ],
+)
+def test_a_list_that_is_too_long_is_one_mistake_and_not_one_for_each_entry(fence: Any, where: str) -> None:
+    """The live page reads files on the loop on which it commands."""
+    assert of_a_fence(fence) == (f"plan: {where}: expected at most 2000, got 2001",)
+
+
+def test_many_lists_that_are_too_long_together_have_bounded_mistakes() -> None:
+    polygon = {"polygon": [0] * 1500, "inclusion": True}
+    assert len(of_a_fence({"polygons": [polygon] * 100})) == 3000
+    survey = {"type": "ComplexItem", "complexItemType": "survey", "TransectStyleComplexItem": {"Items": [0] * 1500}}
+    lines = of_a_fence({}, [survey] * 100)
+    assert lines[-1] == "plan: mission: items: expected at most 2000, got 3000"
+    assert len(lines) <= 2 * 3000 + 1
+
+
 def test_a_fence_that_is_no_polygon_is_not_written() -> None:
     plan = Plan.load(SURVEY).content
     with pytest.raises(PayloadError, match="corners follow each other"):

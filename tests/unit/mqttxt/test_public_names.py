@@ -28,6 +28,7 @@ DOORS: dict[str, type[Any]] = {
 PUBLIC = {
     "GroundStation": {
         "best",
+        "broker",
         "connect",
         "drone",
         "drones",

@@ -17,7 +17,7 @@ from .protocol.fields import Named
 from .protocol.state_fields import fields_of
 from .protocol.states import STATES, AutopilotText
 from .station.outcomes import SensorReading
-from .station.views import Drone, Fog
+from .station.views import STALE_MS, Drone, Fog
 
 logger = logging.getLogger("mqttxt")
 
@@ -57,10 +57,15 @@ class Entities:
         """The topic that shows whether this program runs."""
 
     def messages(self) -> Iterator[tuple[str, str]]:
-        """The messages for everything known now: topics and payloads."""
+        """The messages for everything known now, topics and payloads, of a drone by the fog that reaches it."""
+        found: dict[tuple[str, int], tuple[Fog, Drone]] = {}
         for fog in self._fogs:
             for drone in fog.drones:
-                yield from self._of_drone(fog, drone)
+                key = (fog.fleet, drone.number)
+                if key not in found or (drone.is_reachable and fog.is_live):
+                    found[key] = fog, drone
+        for fog, drone in found.values():
+            yield from self._of_drone(fog, drone)
 
     def _of_drone(self, fog: Fog, drone: Drone) -> Iterator[tuple[str, str]]:
         node = f"{_root_of(fog.fleet)}drone{drone.number}"
@@ -69,8 +74,9 @@ class Entities:
         yield self._config(node, "sensor", "controlled_by", {})
         for name, known in drone.states.items():
             if name in STATES and name not in _LEFT_OUT:
-                for component, key, config, value in _of_state(name, known.state):
-                    values[key] = value
+                is_stale = known.age_ms is not None and known.age_ms > STALE_MS
+                for component, key, config, newest in _of_state(name, known.state):
+                    values[key] = value = None if is_stale else newest
                     if value is not None:
                         yield self._config(node, component, key, config)
         if {"latitude", "longitude"} <= values.keys():
@@ -99,7 +105,7 @@ class Entities:
         has_value: bool = True,
     ) -> tuple[str, str]:
         """An entity's discovery message: topic and payload. `is_always`: available even if the drone is unreachable."""
-        name = f"mqttxt_{node}_{key}"
+        name = f"mqttxt_{node}_{_coded(key, '_')}"
         available = [self.status] if is_always else [self.status, f"{self._root(node)}/available"]
         common: dict[str, Any] = {
             "name": _name(key),
@@ -109,7 +115,7 @@ class Entities:
             "device": {"identifiers": [f"mqttxt_{node}"], "name": node, "manufacturer": "MQTT-XT"},
         }
         if has_value:
-            common |= {"state_topic": f"{self._root(node)}/state", "value_template": f"{{{{ value_json.{key} }}}}"}
+            common |= {"state_topic": f"{self._root(node)}/state", "value_template": f"{{{{ value_json['{key}'] }}}}"}
         if component == "binary_sensor":
             common |= {"payload_on": "True", "payload_off": "False"}
         return f"{self._discovery}/{component}/{name}/config", json.dumps({**common, **config})
@@ -123,7 +129,12 @@ def _name(key: str) -> str:
 
 def _root_of(fleet: str) -> str:
     """The prefix of a fleet's devices, unique to it: ASCII letters, digits, `-`, a final `_`; empty without a fleet."""
-    return "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in fleet) + "_" if fleet else ""
+    return f"{_coded(fleet)}_" if fleet else ""
+
+
+def _coded(text: str, kept: str = "") -> str:
+    """A text as a part of an entity's id, unique to it: all but ASCII letters, digits and `kept` as codes."""
+    return "".join(c if (c.isascii() and c.isalnum()) or c in kept else f"-{ord(c):x}-" for c in text)
 
 
 def _of_state(name: str, state: object) -> Iterator[tuple[str, str, dict[str, Any], Any]]:

@@ -29,7 +29,7 @@ from ..protocol.states import (
 from ..protocol.topics import MAVLINK_STATE
 from ..station.ground_station import GroundStation
 from ..station.outcomes import ControlChanged, Outcome, Reachability, StateUpdate
-from ..station.views import Drone, Fog
+from ..station.views import STALE_MS, Drone, Fog
 from .answers import Answers
 from .client_commands import acknowledge, text_of
 from .clients import Client, Clients
@@ -300,10 +300,10 @@ class Gateway:
 
 
 def is_heard(drone: Drone) -> bool:
-    """Whether the fog reaches a drone and, if the drone publishes its velocity, the newest one is recent."""
-    velocity = drone.state(VelocityNed)
-    age_ms = None if velocity is None else velocity.age_ms
-    return drone.is_reachable and (age_ms is None or age_ms <= SILENT_MS)
+    """Whether the fog reaches a drone, and its newest velocity is recent or, before the first one, its arming."""
+    velocity, armed = drone.state(VelocityNed), drone.state(Armed)
+    known, most_ms = (armed, STALE_MS) if velocity is None else (velocity, SILENT_MS)
+    return drone.is_reachable and (known is None or known.age_ms is None or known.age_ms <= most_ms)
 
 
 def _as_message(state: MavlinkState) -> Any:

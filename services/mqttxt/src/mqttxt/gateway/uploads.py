@@ -16,7 +16,7 @@ from ..protocol.plans import PlanList, PlanObject
 from ..protocol.states import Severity
 from ..station.outcomes import Outcome
 from ..station.plan import Plan
-from ..station.views import Drone
+from ..station.views import CARRIED_S, Drone
 from .clients import Client
 from .plan_copies import PlanCopies
 from .plan_items import WrongItem, check_count, home_items, item_from, plan_list
@@ -29,7 +29,6 @@ ACK_MS = 1000
 ASK_AGAIN_MS = 500
 BROKEN_OFF_MS = 5000
 """How long an upload waits for its next item: longer than a client keeps answering a request."""
-CARRIED_S = 300.0
 _Who = tuple[int, int]
 """A client's system and component, which it has also when it connects anew."""
 _RESULTS: Final = {result_name(result): result for result in mavlink.enums["MAV_MISSION_RESULT"]}
@@ -177,6 +176,8 @@ class Uploads(Worker):
                 self._receive(upload)
             await self._control.take(upload.client, upload.drone, self._ttl_s)
             await upload.whole.wait()
+            if not self._control.has(upload.client, upload.drone):
+                raise Declined(f"{upload.kind.label} upload: control is lost, not sent: the old one stays")
             async with self._turns.setdefault(upload.drone.number, asyncio.Lock()):
                 if not upload.is_over:
                     await self._send(upload)

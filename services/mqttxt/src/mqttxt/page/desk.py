@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..core.printable import printable
-from ..errors import FogUnreachable, MqttxtError
+from ..errors import ConfigurationError, FogUnreachable, MqttxtError
 from ..protocol.codec import layout_of
 from ..protocol.commands import Command, Goto, Resume, StartMission, UploadPlan
 from ..protocol.messages import CommandId
@@ -20,7 +20,7 @@ from ..station.ground_station import GroundStation
 from ..station.heard import SentCommand
 from ..station.outcomes import Event, Outcome, PsmiList
 from ..station.plan import Plan
-from ..station.views import Drone, Fog
+from ..station.views import CARRIED_S, Drone, Fog
 from .drafts import path_of
 from .event_log import EventLog
 from .offers import DroneKey, FogKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
@@ -42,6 +42,8 @@ class Order:
     limit_s: float
     sent_s: float
     """The time of sending, in seconds of the event loop's clock."""
+    choice: Command | None = None
+    """The command for whoever arrives first."""
     goal: tuple[float, float] | None = None
     """The destination, in degrees north and east."""
     path: list[tuple[float, float]] | None = None
@@ -96,11 +98,16 @@ class OrderDesk:
         self._names = {(place.latitude_deg, place.longitude_deg): place.name for place in places}
         self._of_id: dict[tuple[str, CommandId], Order] = {}
         self._plans: dict[DroneKey, Plan] = {}
+        self._uploads: dict[DroneKey, Order] = {}
+        """The newest upload under way to each drone: the plan of an older one is not flown."""
         self._last = 0
         self.orders: deque[Order] = deque(maxlen=KEPT)
 
     def carry_out(self, request: Request) -> Order:
-        """Carry out a request; returns the order that follows it. A command that cannot be sent has that as a word."""
+        """Carry out a request; returns the order that follows it. A command that cannot be sent has that as a word.
+
+        Raises ConfigurationError for a choice that is under way already.
+        """
         if isinstance(request, TakeOverRequest):
             order = self._new(f"take control of {_drones(request.drones)}", 0.0, 0.0)
             for key in sorted({key[:2] for key in request.drones}):
@@ -112,15 +119,19 @@ class OrderDesk:
             text = f"upload {name} ({plan}) to {_drones((request.drone,))}"
             order = self._new(text, request.ttl_s, UploadPlan.limit_s)
             order.path = path_of(plan)
+            self._plans.pop(request.drone, None)
+            self._uploads[request.drone] = order
             self._start(order, self._upload(order, request))
             return order
         if isinstance(request, MissionRequest):
             return self._fly(request)
         command, target = request.command, request.target
+        if target.best:
+            self._check_choice(command)
         goal = _goal(command)
         name = f" ({self._names[goal]})" if goal in self._names else ""
         order = self._new(f"{_text(command)}{name} to {_who(target)}", request.ttl_s, command.limit_s)
-        order.goal = goal
+        order.goal, order.choice = goal, command if target.best else None
         for sender in self._senders(command, target, request.ttl_s):
             self._send(order, sender)
         return order
@@ -129,6 +140,12 @@ class OrderDesk:
         """Add an outcome that settles an `unconfirmed`: by then no task follows the command."""
         if isinstance(event, Outcome) and event.settled and (event.fleet, event.id) in self._of_id:
             self._add(self._of_id[event.fleet, event.id], event)
+
+    def _check_choice(self, command: Command) -> None:
+        """Refuse the second of a double click: with the first drone busy (R7.4) it would send another one there."""
+        before = next((order for order in self.orders if order.choice == command and order.waiting), None)
+        if before is not None:
+            raise ConfigurationError(f"not sent: the same command has no last word yet: {before.text}")
 
     def _senders(self, command: Command, target: Target, ttl_s: float) -> list[Callable[[], SentCommand[Any, Any]]]:
         if target.best:
@@ -163,8 +180,8 @@ class OrderDesk:
 
     def _new(self, text: str, ttl_s: float, limit_s: float) -> Order:
         if len(self.orders) == KEPT:
-            oldest = self.orders[0]
-            self._of_id = {key: order for key, order in self._of_id.items() if order is not oldest}
+            oldest = self.orders[0].number  # a word of an older one may have come since
+            self._of_id = {key: order for key, order in self._of_id.items() if order.number > oldest}
         self._last += 1
         order = Order(self._last, text, ttl_s, limit_s, asyncio.get_running_loop().time())
         self.orders.append(order)
@@ -217,7 +234,6 @@ class OrderDesk:
 
     async def _upload(self, order: Order, request: UploadRequest) -> None:
         key, plan = request.drone, request.plan
-        self._plans.pop(key, None)
 
         def tell(done: int, size: int) -> None:
             order.progress = f"{done} of {size} bytes are at the drone"
@@ -226,11 +242,13 @@ class OrderDesk:
             self._changed(order)
 
         with self._waiting(order, "failed"):
-            outcome = await self._drone(key).upload(plan, ttl_s=request.ttl_s, progress=tell)
-            if outcome.completed:
+            outcome = await self._drone(key).upload(plan, timeout_s=CARRIED_S, ttl_s=request.ttl_s, progress=tell)
+            if outcome.completed and self._uploads.get(key) is order:
                 self._plans[key] = plan
             self._of_id[outcome.fleet, outcome.id] = order
             self._add(order, outcome)
+        if self._uploads.get(key) is order:
+            del self._uploads[key]
 
     def _add(self, order: Order, outcome: Outcome) -> None:
         self._enter(order, outcome.word.label, headline(outcome), in_plain_english(outcome), code_of(outcome))

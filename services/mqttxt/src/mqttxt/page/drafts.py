@@ -46,7 +46,7 @@ def draft_of(plan: Plan) -> Draft | str:
     if not within:
         return "it has no waypoint"
     for number, item in enumerate(mission, start=1):
-        why = _unknown(item, item in within, within[0].z)
+        why = _unknown(item, takes_off < number <= len(mission) - returns, within[0].z)
         if why is not None:
             return f"item {number} {why}"
     places = tuple(Waypoint(item.x / 1e7, item.y / 1e7, item.z or 0.0) for item in within)

@@ -9,8 +9,6 @@ from ..protocol.states import STATES, AutopilotText
 from ..station.views import Drone, Fog
 from .event_log import as_plain
 
-STALE_MS = 45_000
-"""The age from which on a value is shown as stale: it should have been repeated (R3.5). No choice uses it (R7.3)."""
 _LEFT_OUT = AutopilotText.name
 
 

@@ -13,11 +13,11 @@ from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.outcomes import ControlChanged, Event, PsmiList, QodsRanking, Reachability, StateUpdate
 from ..station.plan import Plan
-from ..station.views import TTL_S, Drone, Fog
+from ..station.views import STALE_MS, TTL_S, Drone, Fog
 from .desk import Order, OrderDesk
 from .drafts import Draft, draft_of, path_of
 from .event_log import EventLog, as_plain
-from .fleet import STALE_MS, drone_of, fog_of, name_of, standing_of
+from .fleet import drone_of, fog_of, name_of, standing_of
 from .history import ChartKey, History
 from .links import Links
 from .offers import LONGEST_TTL_S, DroneKey, LinkRequest, LookRequest, catalogue, read_request
@@ -180,7 +180,9 @@ class Live:
                 raise ConfigurationError(_ONLY_WATCHES if self._watch_only else _NOT_OPEN)
             return {"number": number, "order": self._desk.carry_out(request).number}
         except ConfigurationError as error:
-            return {"number": number, "error": "\n".join(_first(error.lines))}
+            lines = _first(error.lines)
+            self.log.add("Refused", printable("; ".join(lines)))
+            return {"number": number, "error": "\n".join(lines)}
 
     def hello(self) -> dict[str, Any]:
         """The content that does not change."""
@@ -189,6 +191,7 @@ class Live:
             "station": self._station.name,
             "names": {fleet: station.name for fleet, station in stations.items()},
             "prefixes": [station.prefix for station in stations.values()],
+            "brokers": [station.broker for station in stations.values()],
             "fogs": [name_of(fog) for fog in self.fogs],
             "watch_only": self._watch_only,
             "commands": catalogue(),

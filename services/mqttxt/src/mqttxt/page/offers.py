@@ -158,9 +158,10 @@ def _left_s(found: dict[str, Any], ttl_s: float, now_ms: float) -> float:
     """The seconds that are left of a time limit that began when the user asked."""
     late_s = (now_ms - _number(found.get("at_ms"), "at_ms", 0, now_ms + MOST_AHEAD_MS)) / 1000
     if late_s >= ttl_s:
+        what = found["command"] if found["do"] == "command" else found["do"]
         raise ConfigurationError(
             f"not sent: it was asked for {late_s:.1f} s before it came to the page's program; "
-            f"expected less than {ttl_s:g} s"
+            f"expected less than {ttl_s:g} s for {what}"
         )
     return min(ttl_s, ttl_s - late_s)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from ..core.address import BrokerAddress
+from ..core.address import BrokerAddress, host_port
 from ..core.clock import SessionClock
 from ..core.settings import CONNECT_S, Settings
 from ..core.transport import Transport
@@ -97,6 +97,7 @@ class GroundStation:
         role = StationRole(own_name, own_clock.session, settings, prefix=prefix, control=control, seal=seal)
         address = transport.check(BrokerAddress.parse(url), "broker")
         self._runner = StationRunner(role, address, own_clock, ssl_context, own)
+        self._broker = host_port(address.host, address.port)
 
     @property
     def name(self) -> str:
@@ -107,6 +108,11 @@ class GroundStation:
     def prefix(self) -> str:
         """The prefix of its fleet's topics, as `acme/`; empty for none."""
         return self._runner.station.prefix
+
+    @property
+    def broker(self) -> str:
+        """The host and port of its broker."""
+        return self._broker
 
     @property
     def session(self) -> int:

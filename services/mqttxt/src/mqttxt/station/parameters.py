@@ -134,11 +134,14 @@ def _parsed(line: str) -> Parameter | None:
 
 
 def checked(name: str, value: str, kind: ParameterType) -> Parameter:
-    """A parameter from a value in text. Raises ValueError if it is no number, PayloadError if of another type."""
+    """A parameter from a value in text. Raises ValueError if it is no number, PayloadError if of another type.
+
+    Python also reads `1_5`, as 15, and digits of other scripts, which no file of QGroundControl has.
+    """
     if not 0 < len(name) <= 16:
         raise ValueError(f"{name}: expected a name of 1 to 16 characters")
     try:
-        number = float(value)
+        number = float(value if value.isascii() and "_" not in value else "")
     except ValueError:
         raise ValueError(f"{name}: expected a number, got {value[:40]!r}") from None
     return Parameter(name, kind, None if math.isnan(number) else number)

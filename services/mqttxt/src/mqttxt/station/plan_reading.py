@@ -89,6 +89,9 @@ class _Part:
         if not isinstance(found, list):
             self.refuse(field, "a list", found)
             return []
+        if len(found) > MOST_ITEMS:
+            self.refuse(field, f"at most {MOST_ITEMS}", len(found))
+            return []
         return list(found)
 
     def part(self, field: str, where: str) -> _Part:
@@ -135,6 +138,8 @@ def _flattened(mission: _Part) -> tuple[list[_Part], bool]:
     """
     simple: list[_Part] = []
     for value in mission.array("items"):
+        if len(simple) > MOST_ITEMS:
+            break  # no drone takes them, and each may have mistakes
         item = _part(f"mission item {len(simple) + 1}", value, mission.mistakes)
         if not item.is_of("type", "SimpleItem", "ComplexItem"):
             return simple, False
@@ -194,10 +199,13 @@ def _fence(fence: _Part) -> tuple[PlanItem, ...]:
         return ()
     items: list[PlanItem] = []
     for number, value in enumerate(fence.array("polygons"), start=1):
+        if len(items) > MOST_ITEMS:
+            break
         polygon = _part(f"geoFence polygon {number}", value, fence.mistakes)
         corners = polygon.array("polygon")
-        if len(corners) < 3 and isinstance(polygon.optional("polygon"), list):
-            polygon.refuse("polygon", "three corners or more", len(corners))
+        found = polygon.optional("polygon")
+        if isinstance(found, list) and len(found) < 3:
+            polygon.refuse("polygon", "three corners or more", len(found))
         command = INCLUSION_VERTEX if polygon.flag("inclusion") else EXCLUSION_VERTEX
         for corner, at in enumerate(corners, start=1):
             place = _pair(at, f"{polygon.where}: corner {corner}", polygon.mistakes)

@@ -30,6 +30,7 @@ class Page {
     this.place = null;
     this.found = null; // a typed place, which the map includes in its view
     this.asked = 0;
+    this.unanswered = new Map(); // what was asked of drones, by its number
     this.ahead = -Infinity; // of the program's clock over the page's, ms: a lower bound, as updates take time
     this.fleet = new Fleet(this);
     this.places = new Places(this);
@@ -59,6 +60,7 @@ class Page {
     });
     this.socket.addEventListener("close", () => {
       this.showConnection(GONE, false);
+      this.sayUnanswered();
       setTimeout(() => this.connect(), AGAIN_MS);
     });
   }
@@ -86,6 +88,7 @@ class Page {
     if (update.fogs) this.showFogs(update.fogs);
     const at = update.at_ms - this.ahead; // when it was sent, by the page's time: it may have waited on its way
     this.heard = at;
+    if (update.hello) this.doubtOthers(update.drones ?? []);
     if (update.drones) this.hearDrones(update.drones, at);
     for (const order of update.orders ?? []) this.commands.update(order, at);
     for (const answer of update.answers ?? []) this.hearAnswer(answer);
@@ -103,7 +106,7 @@ class Page {
 
   begin(hello) {
     const names = Object.values(hello.names).filter((name) => !MADE_UP.test(name));
-    const whose = JSON.stringify([names, hello.prefixes, hello.fogs]);
+    const whose = JSON.stringify([names, hello.prefixes, hello.brokers, hello.fogs]);
     if (this.whose !== undefined && this.whose !== whose) location.reload(); // drone 1 may be a different drone now
     this.whose = whose;
     this.names = hello.names;
@@ -148,6 +151,17 @@ class Page {
       hasChanged = hasChanged || this.lost.get(key) !== hadIt;
     }
     if (hasChanged) this.showLost();
+  }
+
+  // A program that came back may not know a drone that the one before knew: who reaches and controls it is not known.
+  doubtOthers(drones) {
+    const known = new Set(drones.map(keyOf));
+    for (const [key, drone] of this.drones) {
+      if (known.has(key)) continue;
+      Object.assign(drone, { reachable: false, mine: false, holder: null });
+      this.fleet.update(drone);
+      this.map.update(drone);
+    }
   }
 
   // Show which drones other stations have taken, until they are back.
@@ -236,14 +250,28 @@ class Page {
       this.say("Not sent: the page's program does not answer.");
       return undefined;
     }
+    this.say("");
     this.asked += 1;
+    if (!["look", "link"].includes(what)) this.unanswered.set(this.asked, more.command ?? what.replaceAll("_", " "));
     this.socket.send(JSON.stringify({ number: this.asked, do: what, at_ms: performance.now() + this.ahead, ...more }));
     return this.asked;
   }
 
+  // An error stays until the next request: the answer to one that was asked beside it does not hide it.
   hearAnswer(answer) {
-    this.say(answer.error ?? "");
+    this.unanswered.delete(answer.number);
+    if (answer.error && !this.said?.includes(answer.error)) {
+      this.say([this.said, answer.error].filter(Boolean).join(" "));
+    }
     if (answer.plan) this.plans.found(answer);
+  }
+
+  // The connection ended before the answer came: the program may have carried the request out.
+  sayUnanswered() {
+    if (this.unanswered.size === 0) return;
+    const what = [...this.unanswered.values()].join(", ");
+    this.unanswered.clear();
+    this.say(`No answer came to ${what}: nobody knows whether it was sent. Look at the drone before you command it again.`);
   }
 
   // Show the newest answer, beside a notice of lost control.

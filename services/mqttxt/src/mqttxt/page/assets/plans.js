@@ -1,7 +1,7 @@
 // Plans: a QGroundControl file, shown and, if the editor supports all of it, editable; its upload to the selected
 // drone; the start and the progress of its mission.
 
-import { byId, el, named, setText } from "./dom.js";
+import { ageMs, byId, el, named, setText } from "./dom.js";
 
 export class Plans {
   constructor(page) {
@@ -11,20 +11,33 @@ export class Plans {
       byId(`plan-${what}`).addEventListener("click", () => page.ask(what, { to: page.commands.selected() }));
     }
     this.path = []; // of the chosen file, until something is drawn
+    this.chosen = null; // the name and text of the chosen file as it was shown: an upload sends no later text
     byId("plan-file").addEventListener("change", () => this.look());
+    byId("plan-file").addEventListener("click", (event) => {
+      event.target.value = ""; // else the same file, changed since, is no change
+      this.look();
+    });
+    setInterval(() => this.show(), 1000);
     this.show();
   }
 
   async look() {
+    this.chosen = null;
     this.show();
     this.path = [];
     setText(byId("plan-found"), "");
     this.page.map.draw();
     const [file] = byId("plan-file").files;
     if (file === undefined) return;
-    const text = await file.text();
+    const text = await file.text().catch(() => null);
     if (file !== byId("plan-file").files[0]) return; // another file was chosen meanwhile
-    this.looked = this.page.ask("look", { name: file.name, text });
+    if (text === null) {
+      this.page.say(`${file.name} cannot be read.`);
+      return;
+    }
+    this.chosen = { name: file.name, text };
+    this.show();
+    this.looked = this.page.ask("look", this.chosen);
   }
 
   // Show the program's answer about the file that was chosen last.
@@ -41,21 +54,22 @@ export class Plans {
     this.page.map.draw();
   }
 
-  async upload() {
+  upload() {
     this.path = [];
-    const [[file], to] = [byId("plan-file").files, this.page.commands.selected()];
-    this.page.ask("upload", { name: file.name, text: await file.text(), to });
+    this.page.ask("upload", { ...this.chosen, to: this.page.commands.selected() });
   }
 
   show() {
     const isOne = this.page.selected.size === 1;
-    byId("plan-upload").disabled = !isOne || byId("plan-file").files.length === 0;
+    byId("plan-upload").disabled = !isOne || this.chosen === null;
     for (const what of ["start", "resume"]) byId(`plan-${what}`).disabled = !isOne;
     const flown = [...this.page.drones.values()].filter((drone) => (drone.states.mission?.total ?? 0) > 0);
-    const lines = flown.map(
-      ({ fleet, drone, states: { mission } }) =>
-        `Drone ${named(fleet, drone)}: item ${mission.current} of ${mission.total}, reached ${mission.reached}`,
-    );
+    const isOld = (drone) => !drone.reachable || ageMs(drone, drone.states.mission) > this.page.staleMs;
+    const lines = flown.map((drone) => {
+      const { current, total, reached } = drone.states.mission;
+      const old = isOld(drone) ? ": old, not of now" : "";
+      return `Drone ${named(drone.fleet, drone.drone)}: item ${current} of ${total}, reached ${reached}${old}`;
+    });
     if (lines.join("\n") === this.shown) return;
     this.shown = lines.join("\n");
     byId("plan-progress").replaceChildren(...lines.map((line) => el("li", {}, line)));

@@ -32,6 +32,7 @@ export class Sensors {
     this.charts.set(key, chart); // in the order of their newest readings
     if (this.charts.size > MOST_CHARTS) this.drop(this.charts.keys().next().value);
     chart.points.push(...points);
+    chart.points.sort(([time], [other]) => time - other); // a stored reading arrives behind newer ones
     chart.points.splice(0, Math.max(0, chart.points.length - KEPT));
     this.draw(chart, unit);
   }

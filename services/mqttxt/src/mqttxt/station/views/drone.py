@@ -28,6 +28,8 @@ from .known_state import KnownState
 TAKEOVER_S = 10.0
 UPLOAD_TTL_S = 30.0
 """Within how many seconds an upload must begin: the drone first reads the plan that its autopilot has."""
+CARRIED_S = 300.0
+"""For a program that uploads for people: how long a plan may be on its way to the drone until it is given up."""
 _STAGINGS = 3
 """How often a plan is staged at most. A drone that restarts before the commit no longer has it."""
 

@@ -9,6 +9,9 @@ from ...protocol.states import State
 
 AState = TypeVar("AState", bound=State)
 
+STALE_MS = 45_000
+"""The age from which on programs show a value as stale: it was to be repeated (R3.5). No choice uses it (R7.3)."""
+
 
 @dataclass(frozen=True)
 class KnownState(Generic[AState]):
