@@ -106,6 +106,7 @@ SIGNED_UAV_VARIANTS = {
 ACTIVATOR_VARIANTS = {
     "activator-keeps-the-gate-open": {"holds-states-back", "closes-the-gate", "passes-readings-on"},
     "activator-forwards-the-deadline": {"never-makes-a-deadline-later"},
+    "activator-believes-every-epoch": {"counts-the-epochs-that-go-down"},
     "activator-says-two-last-words": {"says-one-last-word"},
     "activator-copies-the-expiry": {"sets-the-expiry-anew"},
     "activator-stamps-on-arrival": {"stamps-states-conservatively"},

@@ -280,6 +280,12 @@ def activator_forwards_the_deadline(original: Any, self: Any, entry: Any, leg: A
 
 
 @variant(CommandRelay, "_publish_command")
+def activator_believes_every_epoch(original: Any, self: Any, entry: Any, leg: Any, remaining_ms: int) -> Any:
+    leg.sent = replace(leg.sent, epoch=entry.record.message.epoch)
+    return original(self, entry, leg, remaining_ms)
+
+
+@variant(CommandRelay, "_publish_command")
 def activator_copies_the_expiry(original: Any, self: Any, *arguments: Any) -> Any:
     return replace(original(self, *arguments), expiry_s=3600)
 

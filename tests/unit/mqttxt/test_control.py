@@ -61,6 +61,16 @@ def test_a_takeover_is_announced_and_refuses_what_was_sent_before_it() -> None:
     assert words(bench.command(Hold(), gs_session=9, seq=2, epoch=1)) == []
 
 
+def test_a_drone_is_sent_no_epoch_that_only_an_earlier_activator_has_counted_to() -> None:
+    """Its station has seen it in a record; a takeover in this session would have a lower one."""
+    bench = ready()
+    effects = bench.command(Arm(), epoch=7)
+    assert decode(CommandMessage, of(effects, "drone1/commands")[-1].payload).epoch == 0
+    bench.register(name="beta", session=9, control=Control.TAKE)
+    effects = bench.command(Arm(), gs_session=9, epoch=7)
+    assert decode(CommandMessage, of(effects, "drone1/commands")[-1].payload).epoch == 1
+
+
 def test_the_end_of_a_lease_is_handed_down_at_once() -> None:
     bench = ready()
     effects = bench.register(lease_s=0)

@@ -6,11 +6,25 @@ from typing import Any
 
 import pytest
 
-from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, StartMission, Takeoff
+from mqttxt.protocol.commands import (
+    Arm,
+    Command,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Return,
+    SetCurrentItem,
+    SetParameter,
+    StartMission,
+    Takeoff,
+)
 from mqttxt.protocol.messages import CommandId, Word
 from tests.simulation.workbench import ARM, LAND, MODE, REPOSITION, TAKEOFF, Bench, said, set_points, written
-from tests.simulation.world import ack, heartbeat, home, landed, position
+from tests.simulation.world import ack, heartbeat, home, landed, position, transmitted
+from tests.unit.mqttxt.test_mission_starts import HASH, PX4_MISSION, Planned
 from tests.unit.mqttxt.test_offboard import NORTH, Flight, in_hold, in_offboard
+from tests.unit.mqttxt.test_write_permit import kinds, value
 
 
 def by_pilot() -> Any:
@@ -179,6 +193,67 @@ def test_nothing_is_repeated_or_begun_after_the_process_stood_still() -> None:
     assert written([*bench.start(3, Goto(47.4, 8.5, 10.0), deadline_ms=9000), *bench.until(5000)]) == []
     bench.hear(in_hold(), landed(2))
     assert written(bench.until(5200)) == [REPOSITION]
+
+
+def test_no_item_is_set_after_the_process_stood_still_before_a_heartbeat_has_shown_the_mode() -> None:
+    bench = Planned(PX4_MISSION, 0)
+    out = bench.start(1, SetCurrentItem(HASH, 3))
+    bench.executor.stood_still()
+    out = bench.answered(out) + bench.until(bench.now_ms + 1000)
+    assert "MISSION_SET_CURRENT" not in kinds(out)
+    assert "MISSION_SET_CURRENT" in kinds(bench.hear(PX4_MISSION) + bench.until(bench.now_ms + 600))
+
+
+class Unheard(Planned):
+    """Its MISSION_CURRENT is dropped with what waited while the process stood still."""
+
+    def answers_to(self, message: Any) -> list[Any]:
+        return [] if message.get_type() == "MISSION_SET_CURRENT" else super().answers_to(message)
+
+
+def test_an_item_is_not_set_again_after_the_process_stood_still() -> None:
+    """A pilot may have set another one since."""
+    bench = Unheard(PX4_MISSION, 0)
+    out = bench.answered(bench.start(1, SetCurrentItem(HASH, 3)))
+    assert kinds(out).count("MISSION_SET_CURRENT") == 1
+    for one in transmitted(out):
+        bench.executor.on_transmitted(one.ref, bench.now_ms)
+    bench.executor.stood_still()
+    out = bench.hear(PX4_MISSION) + bench.until(bench.now_ms + 10_000)
+    assert "MISSION_SET_CURRENT" not in kinds(out)
+    assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]
+
+
+@pytest.mark.parametrize("is_written", [False, True])
+def test_no_parameter_is_set_after_the_process_stood_still(is_written: bool) -> None:
+    bench = Bench()
+    bench.start(1, SetParameter("MPC_XY_CRUISE", 5.0))
+    if not is_written:
+        bench.executor.stood_still()
+    out = bench.hear(value("MPC_XY_CRUISE", 3.0))
+    assert ("PARAM_SET" in kinds(out)) is is_written
+    for one in transmitted(out):
+        bench.executor.on_transmitted(one.ref, bench.now_ms)
+    if is_written:
+        bench.executor.stood_still()
+        bench.hear(heartbeat())
+    assert "PARAM_SET" not in kinds(bench.until(bench.now_ms + 5000))
+    assert ("PARAM_SET" in kinds(bench.hear(heartbeat()) + bench.until(bench.now_ms + 600))) is not is_written
+
+
+def test_a_parameter_that_was_set_before_the_process_stood_still_is_read_and_keeps_no_other_one_waiting() -> None:
+    """Its answer was dropped with what waited in the socket."""
+    bench = Bench()
+    for seq, name in enumerate(("MPC_XY_CRUISE", "MPC_TKO_SPEED"), start=1):
+        bench.start(seq, SetParameter(name, 5.0), deadline_ms=5000)
+    for one in transmitted(bench.hear(value("MPC_XY_CRUISE", 3.0))):
+        bench.executor.on_transmitted(one.ref, bench.now_ms)
+    bench.executor.stood_still()
+    out = bench.hear(heartbeat()) + bench.until(1000)
+    assert "PARAM_REQUEST_READ" in kinds(out)
+    out = bench.hear(value("MPC_XY_CRUISE", 5.0), value("MPC_XY_CRUISE", 5.0))
+    assert said(out) == [(1, Word.COMPLETED, None)]
+    assert kinds(bench.hear(value("MPC_TKO_SPEED", 1.0))) == ["PARAM_SET"]
 
 
 def test_a_hold_that_was_written_in_another_form_has_no_definite_no() -> None:

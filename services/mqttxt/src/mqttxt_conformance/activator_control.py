@@ -17,6 +17,7 @@ from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit, Station
 from .registry import Broken, expect, rule
 
 _RATE = 0.002
+_UNKNOWN_EPOCH = 1_000_000
 _TARGET = Goto(0.0, 8.0, 20.0)
 
 
@@ -68,6 +69,17 @@ async def _take_over(kit: ActivatorKit, other: Station) -> str:
     stale = kit.command(Arm(), gs_session=other.session, seq=1, epoch=before)
     again, _ = await kit.refused(stale, "denied", "not_in_control")
     return f"epoch {before}, then {taken['epoch']}; of who held it before: {words}; of epoch {before}: {again}"
+
+
+@rule("activator", "R6.8")
+async def counts_the_epochs_that_go_down(kit: ActivatorKit) -> str:
+    """An epoch of a session that the activator does not know does not go down: it is above any newer holder's."""
+    message = kit.send(Arm(), epoch=_UNKNOWN_EPOCH)
+    came = await kit.comes_down(message)
+    await kit.outcome(message)
+    newest, epoch = max(kit.record(number).get("epoch", 0) for number in kit.drones), came.fields.get("epoch", 0)
+    expect(epoch <= newest, f"epoch {_UNKNOWN_EPOCH} came; {epoch} went down, where no record has more than {newest}")
+    return f"epoch {_UNKNOWN_EPOCH} came, {epoch} went down"
 
 
 @rule("activator", "R6.10", "R4.5")

@@ -269,7 +269,8 @@ class CommandRelay(Part):
         deadline_ms = link.clock.deadline_ms(now_ms, remaining_ms) if link.clock is not None else None
         if deadline_ms is None or deadline_ms <= 0 or link.session is None:
             return self.words.close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
-        leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
+        epoch = min(job.message.epoch, self._leases.newest_epoch)  # an earlier session may have counted further
+        leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms, epoch=epoch)
         leg.retry = Retry.of(self._to_fog.settings.qos, now_ms, remaining_ms)
         leg.second_ms = now_ms + SECOND_MS if self.has_paths else None
         if isinstance(job.message.command, Offboard):

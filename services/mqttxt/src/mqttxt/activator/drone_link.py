@@ -39,6 +39,8 @@ class DroneLink:
     knows_certificate: bool = False
     heard_ms: int | None = None
     leases: int = 0
+    told_until_ms: int | None = None
+    """The end of the station's control, in our clock, that the newest lease has handed down."""
     paths: set[str] = field(default_factory=set)
     """The connections over which the bound session is present."""
     path: str = ""

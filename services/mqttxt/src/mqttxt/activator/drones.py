@@ -26,8 +26,9 @@ class Drones(Part):
     """Every drone configured for the fog or seen in this session.
 
     `appeared` has drones, and `roster_changed` a change, that the activator has not handled yet. `tells`: this session
-    is the fog's activator and publishes records; before that it reads the records of another session. `leads`: it has
-    been that once, and hands down leases; before that they would end control that another activator has given.
+    is the fog's activator, publishes records and hands down leases. Before that it reads the records of another
+    session. That one may still lead the drones, or has led them since the cloud's broker was lost: a lease would end
+    the control that it has given.
     """
 
     def __init__(self, site: Site, configured: tuple[int, ...]) -> None:
@@ -40,7 +41,7 @@ class Drones(Part):
         self._shown_wrong: dict[int, Rebirth] = {}
         self.appeared: list[DroneLink] = []
         self.roster_changed = False
-        self.tells = self.leads = False
+        self.tells = False
 
     def roster(self) -> tuple[RosterEntry, ...]:
         return tuple(
@@ -163,6 +164,16 @@ class Drones(Part):
         present = [link for link in self.links.values() if link.up and link.session is not None]
         return [lease for link in present for lease in self._lease(link, now_ms)]
 
+    def on_cloud_down(self, now_ms: int) -> list[Effect]:
+        """Hand down what stations have prolonged since the newest leases: no more follow until the cloud is back."""
+        out: list[Effect] = []
+        for link in self.links.values():
+            holder = self._leases.holder(link.number)
+            if holder is not None and link.up and now_ms < holder.until_ms != link.told_until_ms:
+                out += self._lease(link, now_ms)
+        self.tells = False
+        return out
+
     def show_certificate(self, now_ms: int) -> list[Effect]:
         """The activator has a new certificate: leases carry it to each drone until the drone has echoed one."""
         for link in self.links.values():
@@ -194,8 +205,9 @@ class Drones(Part):
             del self._shown_wrong[number]
         out: list[Effect] = [self.record_of(number) for number in due]
         for link in self.links.values():
-            if not self.leads:  # it may not ask the bound session yet
+            if not self.tells:  # it may not ask the bound session yet
                 link.contest_until_ms = now_ms + CONTEST_MS
+                link.gone_at_ms = now_ms + CONTEST_MS if link.gone_at_ms is not None else None
             if link.challenger is not None and now_ms >= link.contest_until_ms:
                 challenger, link.challenger = link.challenger, None
                 out += self._bind(link, challenger, link.challenger_paths, now_ms)
@@ -220,10 +232,7 @@ class Drones(Part):
         link.challenger_paths = {path}
         link.contest_until_ms = now_ms + CONTEST_MS
         return [
-            Log(
-                "contested",
-                f"drone {link.number}: session {challenger:08x} while {link.session:08x} is bound",
-            ),
+            Log("contested", f"drone {link.number}: session {challenger:08x} while {link.session:08x} is bound"),
             *self._lease(link, now_ms),
         ]
 
@@ -258,13 +267,15 @@ class Drones(Part):
 
     def _lease(self, link: DroneLink, now_ms: int) -> list[Effect]:
         assert link.session is not None
-        if not self.leads:
+        if not self.tells:
+            link.next_lease_ms = now_ms
             return []
         nonce = secrets.randbelow(2**32)
         link.nonces[nonce] = now_ms
         while len(link.nonces) > 8:
             del link.nonces[next(iter(link.nonces))]
         holder, deadline_ms, offboard_ms = self._leases.holder(link.number), None, None
+        link.told_until_ms = holder.until_ms if holder is not None else None
         interval_ms = OFFBOARD_RENEWAL_MS if link.in_offboard else self._settings.beacon_interval_ms
         if holder is not None:
             interval_ms = min(interval_ms, max(OFFBOARD_RENEWAL_MS, (holder.until_ms - now_ms) // 3))
@@ -291,11 +302,10 @@ class Drones(Part):
         return [self._publish_lease(link, lease)]
 
     def _refuse(self, link: DroneLink, session: int) -> Publish:
-        nonce = secrets.randbelow(2**32)
         refused = DroneLease(
             activator_session=self._session,
             drone_session=session,
-            nonce=nonce,
+            nonce=secrets.randbelow(2**32),
             bound=False,
             epoch=0,
             counter=link.next_lease(),

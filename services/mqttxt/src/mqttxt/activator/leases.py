@@ -76,6 +76,11 @@ class Leases:
         key = self._holders.get(drone)
         return self._leases.get(key) if key is not None else None
 
+    @property
+    def newest_epoch(self) -> int:
+        """The highest epoch of this session's drones."""
+        return self._epoch
+
     def epoch(self, drone: int) -> int:
         return self._epochs.get(drone, 0)
 

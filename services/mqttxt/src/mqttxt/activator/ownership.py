@@ -52,7 +52,7 @@ class Ownership(Part):
         return Will(self._cloud.reachable, self._to_cloud.payload(self._cloud.reachable, self._presence(up=False)))
 
     def on_cloud_down(self) -> None:
-        self.born = self._drones.tells = False
+        self.born = False
         self._by_name = ()
         self._rival = self._challenge_until_ms = self._closes_ms = None
 
@@ -184,7 +184,7 @@ class Ownership(Part):
         return self._to_cloud.publish(self._cloud.init_connect, question, qos=1)
 
     def _be_born(self, now_ms: int) -> list[Effect]:
-        self.born = self._drones.tells = self._drones.leads = True
+        self.born = self._drones.tells = True
         self._first_born_ms = now_ms if self._first_born_ms is None else self._first_born_ms
         return [
             Unsubscribe(CLOUD, (self._cloud.clock, *self._by_name)),

@@ -123,7 +123,7 @@ class Activator:
             self._hearing.end()
             self.ownership.on_cloud_down()
             self.sensors.on_cloud_down()
-            return []
+            return self.drones.on_cloud_down(now_ms)
         self.relay.fog_connected = False
         gone = self.drones.forget_connections()
         return [self.drones.record_of(number) for number in gone] if self.born else []

@@ -169,7 +169,7 @@ class CommandDesk:
         self.ledger.enter(
             command.id,
             command.command,
-            CommandResults(command.command.name, self.holder.authority(command.epoch)),
+            CommandResults(command.command.name, self.holder.authority(command.gs_session, command.epoch)),
             known_until_ms,
             share,
             station,

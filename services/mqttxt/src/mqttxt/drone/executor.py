@@ -57,6 +57,7 @@ class Executor:
         self._settings = ParameterSettings(vehicle, limits, self.permit)
         self.lease = HeldLease()
         self._pilot = OffboardPilot(vehicle, self._runs, self.lease)
+        self.permit.is_unsure = lambda: self._pilot.is_unsure
         self._acknowledgements = Acknowledgements(vehicle, self._runs, self._pilot)
         self._takeoffs = Takeoffs(vehicle, self._runs)
         self.streams = Streams(vehicle)
@@ -182,6 +183,8 @@ class Executor:
         self._pilot.unsure_after = self.vehicle.number
         for run in self._runs:
             run.is_outdated = run.is_outdated or run.phase is Phase.SENT
+        self.plans.stood_still()
+        self._settings.stood_still()
 
     def leave(self, now_ms: int) -> list[Output]:
         """Before the process ends, begin nothing more, and stop what must not go on without it: offboard commands."""

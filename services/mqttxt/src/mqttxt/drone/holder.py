@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from ..protocol.messages import CommandId
 from .held_lease import HeldLease
 
-MOST_REPLACED = 64
-"""Stations without control of which it is remembered that an earlier activator session led them."""
+MOST_LED = 1000
+"""Stations of which it is remembered which activator session led them, the newest."""
 
 
 @dataclass
@@ -38,11 +38,13 @@ class Holder:
         self._lease = lease
         self._is_signed = is_signed
         self._activator: int | None = None
-        self._replaced: dict[int, None] = {}
-        """Stations that an earlier activator session led, until a lease names them again."""
+        self._led: dict[int, int] = {}
+        """The activator session that named a station last or, before any has, led the drone at its first command."""
 
-    def authority(self, epoch: int) -> Authority:
-        """The authority of a command of an epoch that is admitted now."""
+    def authority(self, gs_session: int, epoch: int) -> Authority:
+        """The authority of a station's command of an epoch that is admitted now."""
+        if self._activator is not None:
+            self._note(gs_session, self._led.get(gs_session, self._activator))
         return Authority(epoch, self._activator)
 
     def obeys(self, gs_session: int, epoch: int, now_ms: int) -> bool:
@@ -63,19 +65,19 @@ class Holder:
         begun: Iterable[tuple[CommandId, Authority]],
     ) -> None:
         """A newer lease; of the commands that have `begun`, those of other stations lose their authority for good."""
-        commands = list(begun)
-        if session is not None and self._activator not in (None, activator):
-            led = [self._lease.holder_session, *(command_id.gs_session for command_id, _ in commands)]
-            self._replaced |= dict.fromkeys(one for one in led if one is not None)
-            while len(self._replaced) > MOST_REPLACED:
-                del self._replaced[next(iter(self._replaced))]
         if session is not None:
-            self._replaced.pop(session, None)
+            self._note(session, activator)
         self._lease.holder_session = session
         self.epoch, self.until_ms, self._activator = epoch, until_ms, activator
-        for command_id, authority in commands:
+        for command_id, authority in begun:
             if self._has_replaced(command_id.gs_session, authority.epoch, authority.activator):
                 authority.is_lost = True
+
+    def _note(self, gs_session: int, activator: int) -> None:
+        self._led.pop(gs_session, None)
+        self._led[gs_session] = activator
+        if len(self._led) > MOST_LED:
+            del self._led[next(iter(self._led))]
 
     def _has_replaced(self, gs_session: int, epoch: int, activator: int | None) -> bool:
         """Whether another station has the place of one that commands under `epoch`, as `activator` counts it.
@@ -84,7 +86,7 @@ class Holder:
         earlier session led is not until a lease names it; and a station that signs may name any epoch.
         """
         is_comparable = activator == self._activator
-        is_newer = is_comparable and epoch > self.epoch and gs_session not in self._replaced
+        is_newer = is_comparable and epoch > self.epoch and self._led.get(gs_session, activator) == activator
         if gs_session == self._lease.holder_session or (is_newer and not self._is_signed):
             return False
         return self._lease.holder_session is not None or (is_comparable and epoch < self.epoch)

@@ -11,7 +11,7 @@ from ..protocol.words import NOT_IN_CONTROL
 from .effects import Transmit
 from .mavlink.guarded_parameters import is_guarded
 from .mavlink.mission_protocol import Exchange, Step
-from .mavlink.parameter_protocol import assign
+from .mavlink.parameter_protocol import assign, read_message
 from .mavlink.plans import CannotExecute
 from .mavlink.raw import Limits
 from .mavlink.vehicle import Vehicle
@@ -21,14 +21,19 @@ from .write_permit import WritePermit
 
 @dataclass(eq=False)
 class _Setting:
-    """A parameter that is being set. `is_written`: the autopilot may have the value by now."""
+    """A parameter that is being set. `is_written`: the autopilot may have the value by now.
+
+    `is_outdated`: it is read instead of being written again, because the process stood still.
+    """
 
     id: CommandId
+    name: str
     exchange: Exchange
     deadline_ms: int
     ends_ms: int
     restarts: int
     is_written: bool = False
+    is_outdated: bool = False
     late_ms: int | None = None
 
 
@@ -52,7 +57,7 @@ class ParameterSettings:
         name, bytewise = command.parameter, self._vehicle.autopilot.bytewise
         steps = assign(self._vehicle.system_id, name, command.value, bytewise, self._limits.ranges.get(name))
         restarts = self._vehicle.boots.restarts
-        self._settings.append(_Setting(command_id, Exchange(steps), deadline_ms, now_ms + limit_ms, restarts))
+        self._settings.append(_Setting(command_id, name, Exchange(steps), deadline_ms, now_ms + limit_ms, restarts))
         return self._begin_next(now_ms)
 
     def owns(self, command_id: CommandId) -> bool:
@@ -66,6 +71,11 @@ class ParameterSettings:
         if now_ms > one.deadline_ms:
             one.late_ms = max(one.late_ms or 0, now_ms - one.deadline_ms)
         return []
+
+    def stood_still(self) -> None:
+        """The process stood still: what was written may have been answered, and changed by a pilot since."""
+        for one in self._settings:
+            one.is_outdated = one.is_written
 
     def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
         """It was not written: past the deadline (`late`), or because the autopilot's link refused it."""
@@ -93,12 +103,15 @@ class ParameterSettings:
         return out + self._write(one, one.exchange.tick(now_ms), now_ms)
 
     def _begin_next(self, now_ms: int) -> list[Output]:
-        one = self._settings[0] if self._settings else None
-        if one is None or one.exchange.has_begun or self._permit.is_leaving:
-            return []
-        if now_ms > one.deadline_ms:
-            return self._end(one, Word.EXPIRED, None, now_ms)
-        return self._write(one, one.exchange.begin(now_ms), now_ms)
+        """Begin the first one, after the end of those that may not be written any more: thousands may wait."""
+        out: list[Output] = []
+        while self._settings and not self._settings[0].exchange.has_begun and not self._permit.is_leaving:
+            one = self._settings[0]
+            if now_ms <= one.deadline_ms and self._permit.has_control(one.id):
+                return out + self._write(one, one.exchange.begin(now_ms), now_ms)
+            word, reason = (Word.EXPIRED, None) if now_ms > one.deadline_ms else (Word.DENIED, NOT_IN_CONTROL)
+            out.append(self._ended(one, word, reason))
+        return out
 
     def _write(self, one: _Setting, steps: list[Step], now_ms: int) -> list[Output]:
         """Write steps: requests at any time, each copy of the value within the deadline and the station's control."""
@@ -107,10 +120,14 @@ class ParameterSettings:
                 return []
             if not self._permit.has_control(one.id):
                 return self._end(one, Word.UNCONFIRMED if one.is_written else Word.DENIED, NOT_IN_CONTROL, now_ms)
-        out: list[Output] = [
-            Transmit(step.message, one.deadline_ms, one.id) if step.changes else Transmit(step.message)
-            for step in steps
-        ]
+        out: list[Output] = []
+        for step in steps:
+            if not step.changes:
+                out.append(Transmit(step.message))
+            elif one.is_outdated:
+                out.append(Transmit(read_message(self._vehicle.system_id, one.name)))
+            elif not self._permit.is_unsure():
+                out.append(Transmit(step.message, one.deadline_ms, one.id))
         return out + (self._over(one, now_ms) if one.exchange.is_over else [])
 
     def _over(self, one: _Setting, now_ms: int) -> list[Output]:
@@ -126,6 +143,9 @@ class ParameterSettings:
         return self._end(one, Word.FAILED, str(error), now_ms)
 
     def _end(self, one: _Setting, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+        return [self._ended(one, word, reason), *self._begin_next(now_ms)]
+
+    def _ended(self, one: _Setting, word: Word, reason: str | None) -> Said:
         one.exchange.stop()
         self._settings.remove(one)
-        return [Said(one.id, word, reason, late_ms=one.late_ms), *self._begin_next(now_ms)]
+        return Said(one.id, word, reason, late_ms=one.late_ms)

@@ -30,7 +30,8 @@ SURE_MS = 1000
 class _Job:
     """A transfer with the autopilot for the command `id`; None: for a station that fetches the plan.
 
-    `is_begun`: a write may have changed the autopilot's lists or its current item.
+    `is_begun`: a write may have changed the autopilot's lists or its current item. `is_outdated`: the current item is
+    not written again, because the process stood still.
     """
 
     exchange: Exchange
@@ -40,6 +41,7 @@ class _Job:
     ends_ms: int = 0
     restarts: int = 0
     is_begun: bool = False
+    is_outdated: bool = False
     late_ms: int | None = None
 
     @property
@@ -149,6 +151,11 @@ class PlanKeeper:
             job for job in self._jobs if job.id is None or not job.is_preparation or self._runs.find(job.id) is not None
         ]
 
+    def stood_still(self) -> None:
+        """The process stood still: the item that was made the current one may have been changed by a pilot since."""
+        for job in self._jobs:
+            job.is_outdated = job.is_begun
+
     def owns(self, command_id: CommandId) -> bool:
         """Whether a write was for a command about the plan."""
         return any(job.id == command_id for job in self._jobs)
@@ -184,10 +191,16 @@ class PlanKeeper:
         return self._lists.replace(lists)
 
     def _begin_next(self, now_ms: int) -> list[Output]:
-        job = self._jobs[0] if self._jobs else None
-        if job is None or job.exchange.has_begun or self._permit.is_leaving:
-            return []
-        return self._write(job, job.exchange.begin(now_ms), now_ms)
+        """Begin the first job, after the end of commands that may not be written any more: a new holder's may wait."""
+        out: list[Output] = []
+        while self._jobs and not self._jobs[0].exchange.has_begun and not self._permit.is_leaving:
+            job = self._jobs[0]
+            is_late = now_ms > job.deadline_ms
+            if job.id is None or job.is_preparation or (not is_late and self._permit.has_control(job.id)):
+                return out + self._write(job, job.exchange.begin(now_ms), now_ms)
+            word, reason = (Word.EXPIRED, None) if is_late else (Word.DENIED, NOT_IN_CONTROL)
+            out += self._end(job, now_ms, word, reason)
+        return out
 
     def _write(self, job: _Job, steps: list[Step], now_ms: int) -> list[Output]:
         """Write steps. The first that may change lists is bound by the deadline, and denied while a mission runs.
@@ -196,9 +209,11 @@ class PlanKeeper:
         """
         out: list[Output] = []
         for step in steps:
-            if step.changes and job.changes_lists and not job.is_begun and self._is_flying_mission():
-                return [*out, *self._end(job, now_ms, Word.DENIED, MISSION_RUNNING)]
             is_bound = step.changes and job.id is not None and not (job.changes_lists and job.is_begun)
+            if is_bound and (job.is_outdated or self._permit.is_unsure()):
+                continue
+            if is_bound and job.changes_lists and self._is_flying_mission():
+                return [*out, *self._end(job, now_ms, Word.DENIED, MISSION_RUNNING)]
             if is_bound and self._permit.is_leaving:
                 return out
             if is_bound and job.id is not None and not self._permit.has_control(job.id):
