@@ -144,7 +144,7 @@ def _missions(found: Findings) -> list[str]:
     for number in _timed(found):
         figures += [f"scenario {number}"] if number > 1 else []
         figures.append(found.one(PX4, "thesis", "change", f"scenario-{number}"))
-    figures += [f"{_completed(found, PX4, f'scenario-{number}')} of 3" for number in _timed(found)]
+    figures += [_completed(found, PX4, f"scenario-{number}") for number in _timed(found)]
     figures += ["`lte`", *found.both(PX4, "lte", "mission")]
     return [*figures, *found.both(FIVE, "thesis", "mission"), "`thesis`"]
 
@@ -324,13 +324,14 @@ def _longest_ms(found: Findings, arm: str) -> float:
 
 def _timed(found: Findings) -> list[int]:
     """The scenarios of which MAVLink completed one on `thesis` with PX4's streams, asking one by one."""
-    return [number for number in (1, 2, 3, 4) if _completed(found, PX4, f"scenario-{number}") != "none"]
+    return [number for number in (1, 2, 3, 4) if not _completed(found, PX4, f"scenario-{number}").startswith("none")]
 
 
 def _completed(found: Findings, arm: str, experiment: str = "scenario-1") -> str:
-    """How many of MAVLink's missions on `thesis`, in a word."""
+    """How many of MAVLink's missions on `thesis`, as in "two of 3"."""
     done = len(completed(found.cell(arm, "thesis", experiment).metrics["protocols"]["mavlink"]))
-    return wording.in_words(done) if done else "none"
+    flown = len(found.attempts("mavlink", arm, "thesis", experiment))
+    return f"{wording.in_words(done) if done else 'none'} of {flown}"
 
 
 def _ours_over_theirs(found: Findings, arm: str) -> str:
