@@ -14,28 +14,24 @@ def pages(files: Iterable[str], *data: str) -> list[Path]:
     """The pages by their paths; one line and exit code 2 if one is no file, or lacks `data` in the folder beside it."""
     found = [Path(file) for file in files]
     for page in found:
-        for needed in (page, *(page.with_suffix("") / name for name in data)):
-            _need(needed, Path.is_file, PAGE)
+        _all((page, *(page.with_suffix("") / name for name in data)), Path.is_file, PAGE)
     return found
 
 
 def metrics_of(series: Iterable[str]) -> list[Path]:
     """The metrics of the series by their folders; one line and exit code 2 if one has none."""
-    found = [Path(folder) / "metrics.json" for folder in series]
-    for path in found:
-        _need(path, Path.is_file, SERIES)
-    return found
+    return _all((Path(folder) / "metrics.json" for folder in series), Path.is_file, SERIES)
 
 
 def folders(paths: Iterable[str]) -> list[Path]:
     """The folders by their paths; one line and exit code 2 if one is none."""
-    found = [Path(path) for path in paths]
+    return _all(map(Path, paths), Path.is_dir, "no such folder")
+
+
+def _all(paths: Iterable[Path], is_there: Callable[[Path], bool], otherwise: str) -> list[Path]:
+    found = list(paths)
     for path in found:
-        _need(path, Path.is_dir, "no such folder")
+        if not is_there(path):
+            print(f"{path}: {otherwise}", file=sys.stderr)
+            sys.exit(2)
     return found
-
-
-def _need(path: Path, is_there: Callable[[Path], bool], otherwise: str) -> None:
-    if not is_there(path):
-        print(f"{path}: {otherwise}", file=sys.stderr)
-        sys.exit(2)

@@ -324,14 +324,18 @@ def _longest_ms(found: Findings, arm: str) -> float:
 
 def _timed(found: Findings) -> list[int]:
     """The scenarios of which MAVLink completed one on `thesis` with PX4's streams, asking one by one."""
-    return [number for number in (1, 2, 3, 4) if not _completed(found, PX4, f"scenario-{number}").startswith("none")]
+    return [number for number in (1, 2, 3, 4) if _done(found, PX4, f"scenario-{number}")]
 
 
-def _completed(found: Findings, arm: str, experiment: str = "scenario-1") -> str:
-    """How many of MAVLink's missions on `thesis`, as in "two of 3"."""
-    done = len(completed(found.cell(arm, "thesis", experiment).metrics["protocols"]["mavlink"]))
-    flown = len(found.attempts("mavlink", arm, "thesis", experiment))
-    return f"{wording.in_words(done) if done else 'none'} of {flown}"
+def _done(found: Findings, arm: str, experiment: str) -> int:
+    """How many missions on `thesis` MAVLink completed."""
+    return len(completed(found.cell(arm, "thesis", experiment).metrics["protocols"]["mavlink"]))
+
+
+def _completed(found: Findings, arm: str, experiment: str) -> str:
+    """The same of those that count, as in "two of 3"."""
+    done, flown = _done(found, arm, experiment), found.attempts("mavlink", arm, "thesis", experiment)
+    return f"{wording.in_words(done)} of {len(flown)}"
 
 
 def _ours_over_theirs(found: Findings, arm: str) -> str:
