@@ -254,6 +254,18 @@ def test_a_log_that_goes_on_as_another_nodes_is_named(tmp_path: Path) -> None:
     says(path, 1, f"{path}: line 26: of drone2; expected fog1, whose log it is")
 
 
+def test_a_log_behind_a_symbolic_link_stays_on_its_disk_when_it_is_rotated(tmp_path: Path) -> None:
+    disk, link = tmp_path / "disk", tmp_path / "log"
+    disk.mkdir()
+    link.symlink_to("disk/log")
+    written(link, largest=1000)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["disk", "log"]
+    assert link.is_symlink()
+    assert len(list(disk.iterdir())) > 2
+    assert verify(link, "--fleet", acme())[0] == 0
+    assert verify(link)[1].replace(str(link), "") == verify(disk / "log")[1].replace(str(disk / "log"), "")
+
+
 @pytest.mark.parametrize("sign1", ["", "!", "AAAA", None, 7])
 def test_a_signature_that_is_none_is_named(tmp_path: Path, sign1: Any) -> None:
     file = AuditFile(tmp_path / "log", "fog1")

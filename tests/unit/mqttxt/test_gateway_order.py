@@ -186,13 +186,28 @@ async def test_a_command_is_not_sent_if_another_client_takes_the_drone_while_con
     bench.drone.grants = False
     first, second = bench.client(), bench.client("safety", 245)
     await bench.ask(first, GOTO)
-    await bench.send(second, mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
-    assert bench.clients.controllers[1] == second
+    await _granted_to_another(bench, second)
+    assert (bench.drone.commands, bench.acks()) == ([], [(192, CANCELLED)])
+    assert bench.texts()[-1] == "given up: its client has lost control"
+
+
+async def test_nothing_is_set_if_another_client_takes_the_drone_while_control_is_awaited(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    bench.drone.grants = False
+    first, second = bench.client(), bench.client("safety", 245)
+    await bench.send(first, mavlink.MAVLink_param_set_message(1, 1, b"MPC_XY_CRUISE", 5.0, 9))
+    await _granted_to_another(bench, second)
+    assert bench.drone.sent == []
+    assert bench.texts()[-1] == "MPC_XY_CRUISE not set: given up: its client has lost control"
+
+
+async def _granted_to_another(bench: Bench, client: Any) -> None:
+    """A client takes the drone while the gateway waits for control; then the gateway gets it."""
+    await bench.send(client, mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
+    assert bench.clients.controllers[1] == client
     bench.drone.is_controlled = True
     await asyncio.sleep(0.02)
     await bench.settle()
-    assert (bench.drone.commands, bench.acks()) == ([], [(192, CANCELLED)])
-    assert bench.texts()[-1] == "DO_REPOSITION given up: its client has lost control"
 
 
 # Repetitions

@@ -17,7 +17,7 @@ from typing import Any
 
 from ..errors import ConfigurationError
 from ..security.audit_chain import Line, Link
-from ..security.audit_verdict import older_files
+from ..security.audit_verdict import followed, older_files
 from ..security.seal import Seal
 from .disk import sync_folder, write_all
 
@@ -36,7 +36,7 @@ class AuditFile:
     """
 
     def __init__(self, path: Path, node: str, largest: int = LARGEST, most: int = MOST) -> None:
-        self.path = path
+        self.path = followed(path)
         self._node = node
         self._largest, self._most = largest, most
         self._file: int | None = None

@@ -19,11 +19,9 @@ from ..station.outcomes import Outcome
 from .answers import ACCEPTED
 from .clients import Client
 from .texts import send_text
-from .translation import DENIED, NOT_NOW, UNSUPPORTED, Declined, Request
+from .translation import CANCELLED, DENIED, NOT_NOW, UNSUPPORTED, Declined, Request
 
 IN_PROGRESS, FAILED = int(mavlink.MAV_RESULT_IN_PROGRESS), int(mavlink.MAV_RESULT_FAILED)
-CANCELLED = 6
-"""MAV_RESULT_CANCELLED, which pymavlink's common dialect does not have."""
 PERCENT_UNKNOWN = 255
 FIRST_PROGRESS_MS, PROGRESS_MS = 400, 1000
 """MAVSDK repeats after 500 ms without an answer, and gives up after 3 s without a newer one, as QGroundControl does."""

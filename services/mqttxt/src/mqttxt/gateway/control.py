@@ -13,7 +13,7 @@ from ..station.ground_station import GroundStation
 from ..station.views import Drone
 from .clients import Client, Clients
 from .texts import send_text
-from .translation import NOT_NOW, Declined
+from .translation import CANCELLED, NOT_NOW, Declined
 
 HEARTBEAT_S = 2.0
 """How long a command waits for its client's HEARTBEAT: MAVSDK may send that up to 1 s after its first command."""
@@ -80,7 +80,8 @@ class ClientControl:
     async def take(self, client: Client, drone: Drone, left_s: float) -> None:
         """Get control of a drone for a client, within `left_s` seconds.
 
-        Raises Declined, and what `Drone.claim` and `Drone.take_over` raise.
+        Raises Declined, also if another client took the drone meanwhile, and what `Drone.claim` and `Drone.take_over`
+        raise.
         """
         self._hand(client, drone)
         if drone.is_controlled:
@@ -88,8 +89,10 @@ class ClientControl:
         drone.claim()
         if self._take_over and self._is_others(drone):
             await drone.take_over(left_s)
-            return
-        await self._granted(drone, left_s)
+        else:
+            await self._granted(drone, left_s)
+        if not self.has(client, drone):
+            raise Declined("given up: its client has lost control", CANCELLED)
 
     async def take_over(self, client: Client, drone: Drone, left_s: float) -> None:
         """Take control for a client from any holder. Errors as `take`."""

@@ -16,7 +16,6 @@ from ..station.views import Drone
 from .answers import ACCEPTED
 from .arming import ArmingOrder
 from .client_commands import (
-    CANCELLED,
     FIRST_PROGRESS_MS,
     GROUND_HOLD_MS,
     MODE_PATIENCE_MS,
@@ -192,9 +191,6 @@ class Desk(Worker):
                 is_first = not self._control.has(entry.client, drone)
                 await self._control.take(entry.client, drone, self._time_left_s(entry))
                 self._order.check(entry)
-                if not self._control.has(entry.client, drone):
-                    text = f"{name_of(entry.request.mav_cmd)} given up: its client has lost control"
-                    raise Declined(text, CANCELLED)
                 sent = drone.send(command, ttl_s=self._time_left_s(entry))
                 self._order.on_sent(entry, command, is_first)
             return await self._last_word(entry, command, sent)

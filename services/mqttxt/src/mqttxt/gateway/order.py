@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 
 from ..protocol.commands import Arm, Command, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
-from .client_commands import CANCELLED, ClientCommand
-from .translation import NOT_NOW, Declined, name_of
+from .client_commands import ClientCommand
+from .translation import CANCELLED, NOT_NOW, Declined, name_of
 
 BY_THE_PLAN = (Arm, StartMission, Resume, SetCurrentItem)
 """Commands that rely on the plan that their client has uploaded."""

@@ -32,6 +32,8 @@ from .telemetry import UNKNOWN_AUTOPILOT, View
 
 DENIED, UNSUPPORTED = int(mavlink.MAV_RESULT_DENIED), int(mavlink.MAV_RESULT_UNSUPPORTED)
 NOT_NOW = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+CANCELLED = 6
+"""MAV_RESULT_CANCELLED, which pymavlink's common dialect does not have."""
 REQUEST_OPERATOR_CONTROL = 32100
 """MAV_CMD_REQUEST_OPERATOR_CONTROL, which pymavlink's common dialect does not have."""
 _PAUSE, _CONTINUE = 0, 1

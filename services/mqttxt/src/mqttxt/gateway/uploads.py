@@ -20,7 +20,7 @@ from ..station.views import CARRIED_S, Drone
 from .clients import Client
 from .plan_copies import PlanCopies
 from .plan_items import WrongItem, check_count, home_items, item_from, plan_list
-from .translation import DENIED, Declined
+from .translation import NOT_NOW, Declined
 from .upload import Upload
 from .work import Work, Worker
 
@@ -259,7 +259,7 @@ class Uploads(Worker):
 def _result_of(error: Declined | WrongItem) -> int:
     if isinstance(error, WrongItem):
         return error.result
-    return int(mavlink.MAV_MISSION_DENIED if error.result == DENIED else mavlink.MAV_MISSION_ERROR)
+    return int(mavlink.MAV_MISSION_ERROR if error.result == NOT_NOW else mavlink.MAV_MISSION_DENIED)
 
 
 def _result(outcome: Outcome) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,9 +34,15 @@ def logs_of(files: Iterable[Path]) -> dict[Path, list[Path]]:
 
 def older_files(file: Path) -> list[Path]:
     """The files FILE.NUMBER beside FILE, in order; the number is that of the first line."""
+    file = followed(file)
     if not file.parent.is_dir():
         return []
     return sorted((each for each in file.parent.iterdir() if each.stem == file.name and _number(each)), key=_number)
+
+
+def followed(file: Path) -> Path:
+    """Where a symbolic link leads: a log and its older files are there."""
+    return Path(os.path.realpath(file)) if os.path.islink(file) else file
 
 
 def _number(file: Path) -> int:
