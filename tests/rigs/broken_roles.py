@@ -42,6 +42,7 @@ from mqttxt.core.overriding import LaterHolds
 from mqttxt.core.session_owners import SessionOwners
 from mqttxt.drone import bulk, command_writer, executor, interruptions, offboard, parameter_settings, published_states
 from mqttxt.drone.acknowledgements import Acknowledgements
+from mqttxt.drone.answers import Answers
 from mqttxt.drone.command_writer import CommandWriter
 from mqttxt.drone.commands import CommandDesk
 from mqttxt.drone.executor import Executor
@@ -228,7 +229,7 @@ def uav_sets_parameters_late(
     return original(self, command_id, command, deadline_ms + 60_000, *more)
 
 
-@variant(CommandDesk, "_audited")
+@variant(Answers, "_audited")
 def uav_audits_no_words(original: Any, self: Any, word: Any, now_ms: int) -> Any:
     return replace(original(self, word, now_ms), event="said")
 

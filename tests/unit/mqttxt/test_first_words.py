@@ -51,7 +51,7 @@ class Bench:
     def says(self, word: Word, seq: int = 1, now_ms: int = 0, **more: Any) -> list[Word]:
         """What leaves where the executor says a word of a command."""
         said = Said(CommandId(GS_SESSION, seq), word, **more)
-        return words(self.desk.carry_out([said], now_ms))
+        return words(self.desk.answers.give([said], now_ms))
 
     def states(self, *states: Any) -> None:
         for state in states:
@@ -113,13 +113,13 @@ def test_without_bundles_and_with_a_late_write_nothing_waits(bundles: bool, more
 def test_what_is_said_of_another_command_leaves_behind_it() -> None:
     bench = Bench()
     bench.accepts(Arm(), 1).accepts(Land(), 2).command(Hold(), 3)
-    out = bench.desk.carry_out([Said(CommandId(GS_SESSION, 3), Word.FAILED, "x")], 0)
+    out = bench.desk.answers.give([Said(CommandId(GS_SESSION, 3), Word.FAILED, "x")], 0)
     assert [(said.seq, said.word) for said in results(out)] == [
         (1, Word.ACCEPTED),
         (2, Word.ACCEPTED),
         (3, Word.FAILED),
     ]
-    assert bench.desk.first_words.take() == []
+    assert bench.desk.answers._first_words.take() == []
 
 
 @pytest.mark.parametrize("changed", [{"seq": 1, "command": Hold()}, {"seq": 2, "deadline_ms": 90_000}])
@@ -150,9 +150,9 @@ def test_it_leaves_before_down_and_after_a_lost_connection() -> None:
     bench = Bench().accepts(Arm())
     bench.client.on_disconnected("fog", 0)
     assert words(bench.client.tick(INTERVAL_MS)) == []
-    assert words(bench.desk.republish()) == []  # nothing is published before its birth
-    bench.desk.may_publish = True
-    assert words(bench.desk.republish()) == [Word.ACCEPTED]
+    assert words(bench.desk.answers.republish()) == []  # nothing is published before its birth
+    bench.desk.answers.may_publish = True
+    assert words(bench.desk.answers.republish()) == [Word.ACCEPTED]
     bench.accepts(Land(), 2)
     assert words(bench.client.goodbye(0))[:1] == [Word.ACCEPTED]
 

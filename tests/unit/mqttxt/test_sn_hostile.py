@@ -178,7 +178,7 @@ def test_a_late_copy_of_a_subscribe_costs_no_connection_and_subscribes_nothing(a
 
 
 def test_drones_that_a_nat_takes_for_each_other_connect_anew_and_no_word_is_taken_for_said(air: AirBench) -> None:
-    """The ledger takes each code below 0x80 but 0x10 for delivery (`desk.on_published`)."""
+    """The ledger takes each code below 0x80 but 0x10 for delivery (`Answers.on_published`)."""
     one = air.up(1, "drone1-a")
     two = air.client(2, "drone2-a", Will("drone2/reachable", b"down"))
     for uav, drone in ((one, 1), (two, 2)):

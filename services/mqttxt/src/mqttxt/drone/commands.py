@@ -1,4 +1,4 @@
-"""A UAV client's commands: admit, execute, answer, and repeat the answer until it is delivered."""
+"""A UAV client's commands: admitted or denied, and begun once they are in the journal."""
 
 from __future__ import annotations
 
@@ -8,42 +8,37 @@ from typing import Any
 
 from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS
-from ..core.effects import Audit, Inbound, Log, Publish
-from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
+from ..core.effects import Audit, Inbound, Log
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, TokenBucket
 from ..core.ledger import OVERRIDING, Admission, Ledger, Share
 from ..core.session_owners import SessionOwners
-from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS
+from ..core.settings import QUERY_DEADLINE_MS
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.identify import identify
-from ..protocol.messages import CommandId, CommandMessage, ResultMessage, Word, without_contradiction
+from ..protocol.messages import CommandId, CommandMessage, Word
 from ..protocol.topics import FogSide
 from ..protocol.values import shown
 from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_IN_CONTROL
 from ..security.cose import Envelope
 from ..security.seal import Signed
-from .answers import CommandResults, Unfinished, result_of
+from .answers import Answers, CommandResults, Unfinished
 from .effects import Effect, Journal
 from .executor import Executor
-from .first_words import FirstWords
 from .holder import Holder
-from .runs import Output, Said
+from .runs import Said
 from .start_order import StartOrder
 
 LINK = "fog"
-KEPT_BACK_MS = 1000
-"""How long a result waits to be published again, if it had no subscriber or the broker refused it."""
 
 
 class CommandDesk:
-    """The commands of one UAV client session: ledger, order, executor, and the words about them.
+    """The commands of one UAV client session: ledger, order, executor, and `answers`, the words about them.
 
-    `unfinished` are those of earlier sessions; `forgotten` those that the journal has dropped, by their highest.
-    `remembers` false: the journal of earlier sessions is missing or has a gap, so the outcome of an id that may have
-    been theirs is unknown. `holder` has control by the newest lease.
-    `may_publish` is set while the client is born, `republish_at_ms` when a last word has to be published again. While
-    `is_audited` returns False, commands other than hold, land and return are denied (R14.6); None: no audit log is
-    required. `has_paths`: the client has several connections to the fog.
+    `unfinished` and `has_paths` are `Answers`'; `forgotten` are the commands that the journal has dropped, by their
+    highest. `remembers` false: the journal of earlier sessions is missing or has a gap, so the outcome of an id that
+    may have been theirs is unknown. `holder` has control by the newest lease. While `is_audited` returns False,
+    commands other than hold, land and return are denied (R14.6); None: no audit log is required.
     """
 
     def __init__(
@@ -62,31 +57,21 @@ class CommandDesk:
         is_audited: Callable[[], bool] | None,
     ) -> None:
         self.ledger: Ledger[CommandResults] = Ledger()
-        self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
-        settings = channel.settings
-        # Over several connections no word waits: a command without an early word is sent over another one.
-        self.first_words = FirstWords(settings.bundle_ms if settings.bundles and not has_paths else None)
+        self.answers = Answers(drone, session, channel, topics, self.ledger, unfinished, has_paths=has_paths)
         self.executor = executor
         executor.permit.has_control = self._has_control
-        self.may_publish = False
-        self.republish_at_ms: int | None = None
         self.holder = Holder(executor.lease, channel.seal is not None)
         self.is_audited = is_audited
         self._drone = drone
         self._session = session
         self._channel = channel
         self._owners = owners
-        self._topics = topics
-        self._results = topics.commands_result(drone, "")
         self._remembers = remembers
         self.order = StartOrder()
         self._to_start: dict[CommandId, CommandMessage] = {}
         for command_id in forgotten:
             self.ledger.forgotten.note(command_id)
-        self._restored = list(unfinished)
-        for left in self._restored:
-            self.ledger.enter(left.id, None, CommandResults(left.command, is_journalled=True), 0)
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
         """Admit or answer a command. Raises PayloadError for a bad signature, before anything else (R12.9)."""
@@ -119,11 +104,9 @@ class CommandDesk:
         known = identify(payload)
         if known is None or self.ledger.get(known) is not None:
             return []
-        is_taken = self._budget.takes((station or known.gs_session, False), now_ms)
-        if not (is_taken and self._repetitions.may_answer(known, now_ms)):
+        if not self._budget.takes((station or known.gs_session, False), now_ms):
             return []
-        denial = result_of(Said(known, Word.DENIED, str(error)), self._session, now_ms)
-        return [*self.say_first_words(), self._publish_result("malformed", denial, kept=False)]
+        return self.answers.deny("malformed", known, str(error), now_ms)
 
     def _tightened(self, command: CommandMessage, route: Any) -> CommandMessage:
         """The command with the earlier deadline: the signed one, or the relay's in the route."""
@@ -155,17 +138,12 @@ class CommandDesk:
         if verdict is Admission.DUPLICATE:
             entry = self.ledger.get(command.id)
             assert entry is not None
-            is_answered = self.may_publish and entry.record.newest is not None
-            is_due = is_answered and self._repetitions.may_answer(entry.id, now_ms)
-            return self._answer(entry.record) if is_due else []
+            return self.answers.again(entry, now_ms)
         if verdict is Admission.IGNORED or (verdict is Admission.FULL and until_ms > latest_ms):
             return [Log("outsiders", f"{command.command.name} of {command.id}: no room for it")]
         if verdict in (Admission.CONFLICT, Admission.FULL):
-            if not self._repetitions.may_answer(command.id, now_ms):
-                return []
             reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
-            denial = result_of(Said(command.id, Word.DENIED, reason), self._session, now_ms)
-            return [*self.say_first_words(), self._publish_result(command.command.name, denial, kept=False)]
+            return self.answers.deny(command.command.name, command.id, reason, now_ms)
         self.ledger.enter(
             command.id,
             command.command,
@@ -183,7 +161,7 @@ class CommandDesk:
             if signed.is_expired and not isinstance(command.command, OVERRIDING):
                 refusal = Said(command.id, Word.DENIED, CERTIFICATE_EXPIRED)
         if refusal is not None:
-            return [audit, *self.carry_out([refusal], now_ms)]
+            return [audit, *self.answers.give([refusal], now_ms)]
         self._to_start[command.id] = command
         return [audit, Journal(command.id, command.command.name)]
 
@@ -197,17 +175,17 @@ class CommandDesk:
         entry.record.is_journalled = True
         refusal = self._refusal(command, command.deadline_ms, False, now_ms)  # the disk may have taken its time
         if refusal is not None:
-            return self.carry_out([refusal], now_ms)
+            return self.answers.give([refusal], now_ms)
         limit_ms = round(command.limit_s * 1000)
         started = self.executor.start(command_id, command.command, command.deadline_ms, limit_ms, now_ms)
         if not any(isinstance(output, Said) and output.id == command_id for output in started):
             self.order.note(command, now_ms)
-        return self.carry_out(started, now_ms)
+        return self.answers.give(started, now_ms)
 
     def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
         """Deny a command without a record: a restarted client could not report its outcome."""
         del self._to_start[command_id]
-        return self.carry_out([Said(command_id, Word.DENIED, "journal")], now_ms)
+        return self.answers.give([Said(command_id, Word.DENIED, "journal")], now_ms)
 
     def _refusal(self, command: CommandMessage, deadline_ms: int | None, retained: bool, now_ms: int) -> Said | None:
         """The last word on a new command that must not start; None if it may."""
@@ -242,104 +220,8 @@ class CommandDesk:
         begun = ((entry.id, entry.record.authority) for entry in self.ledger.open_entries())
         self.holder.on_lease(holder_session, epoch, activator, until_ms, begun)
 
-    def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
-        """Pass effects on, and turn words into results, recorded in ledger and journal before they leave."""
-        out: list[Effect] = []
-        for output in outputs:
-            if not isinstance(output, Said):
-                out.append(output)
-                continue
-            entry = self.ledger.get(output.id)
-            assert entry is not None
-            record = entry.record
-            earlier = record.newest.word if record.newest is not None else None
-            word, reason = without_contradiction(output.word, output.reason, earlier)
-            record.newest = result_of(replace(output, word=word, reason=reason), self._session, now_ms)
-            record.said = None
-            if word.is_last:
-                self.ledger.close(entry, now_ms)
-                out.append(self._audited(record.newest, now_ms))
-                record.is_journalled = record.is_journalled or not word.is_definite_no
-                if record.is_journalled:
-                    out.append(Journal(entry.id, record.name, word, reason))
-            if not self.first_words.waits(record.newest, now_ms):
-                out += self._answer(record)
-        return out
-
-    def _audited(self, word: ResultMessage, now_ms: int) -> Audit:
-        return Audit("word", word, now_ms, f"drone{self._drone}", self._drone, self._channel.seal is not None)
-
-    def _answer(self, record: CommandResults) -> list[Effect]:
-        """Publish the newest word while the client is born; otherwise it is published after the birth.
-
-        At QoS 0 no PUBACK confirms it: a station queries for a lost one.
-        """
-        newest = record.newest
-        if newest is None or not self.may_publish:
-            return []
-        record.said = record.said or self._publish_result(record.name, newest)
-        out: list[Effect] = [*self.say_first_words(newest.id), record.said]
-        if self._channel.settings.qos == 0 and newest.word.is_last and not record.delivered:
-            out += self._delivered(newest.id, record)
-        return out
-
-    def say_first_words(self, besides: CommandId | None = None) -> list[Effect]:
-        """Publish the waiting first words before any other word, except that of the command `besides`."""
-        waiting = [self.ledger.get(command_id) for command_id in self.first_words.take(besides)]
-        return [effect for entry in waiting if entry is not None for effect in self._answer(entry.record)]
-
-    def is_word(self, effect: Effect) -> bool:
-        """Whether an effect is a word about a command."""
-        return isinstance(effect, Publish) and effect.topic.startswith(self._results)
-
-    def _delivered(self, command_id: CommandId, record: CommandResults) -> list[Effect]:
-        """The last word was delivered, and is not published again."""
-        record.delivered = True
-        return [Journal(command_id, record.name, done=True)] if record.is_journalled else []
-
-    def republish(self) -> list[Effect]:
-        """Repeat the newest word of each command without a delivered last word."""
-        records = [entry.record for entry in self.ledger.entries()]
-        return [effect for record in records if not record.delivered for effect in self._answer(record)]
-
-    def close_restored(self, now_ms: int) -> list[Effect]:
-        """Restore the words of earlier sessions; ids still open become `unconfirmed(restarted)`."""
-        out: list[Effect] = []
-        for left in self._restored:
-            entry = self.ledger.get(left.id)
-            assert entry is not None
-            word, reason = (left.word, left.reason) if left.word else (Word.UNCONFIRMED, "restarted")
-            entry.record.newest = result_of(Said(left.id, word, reason), self._session, now_ms)
-            entry.record.delivered = left.delivered
-            self.ledger.close(entry, now_ms)
-            if not left.delivered:
-                out += [Journal(left.id, left.command, word, reason), self._audited(entry.record.newest, now_ms)]
-        self._restored.clear()
-        return out
-
-    def _publish_result(self, name: str, result: ResultMessage, kept: bool = True) -> Publish:
-        """Publish a result. The PUBACK of a last word that the ledger keeps (`kept`) ends its repetition."""
-        topic = self._topics.commands_result(self._drone, name)
-        ref = result.id if kept and result.word.is_last else None
-        return self._channel.publish(topic, result, ref=ref, everywhere=True)
-
-    def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
-        """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""
-        entry = self.ledger.get(ref)
-        if entry is None or entry.record.delivered or entry.record.last is None:
-            return []
-        if code == NO_MATCHING_SUBSCRIBERS or code >= 0x80:
-            self.republish_at_ms = now_ms + KEPT_BACK_MS
-            return []
-        return self._delivered(entry.id, entry.record)
-
     def tick(self, now_ms: int) -> list[Effect]:
         """Check deadlines and limits of open commands, and publish the words that are due again."""
-        out = self.say_first_words() if self.first_words.is_due(now_ms) else []
-        out += self.carry_out(self.executor.tick(now_ms), now_ms)
-        again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
-        out += [effect for entry in again if entry is not None for effect in self._answer(entry.record)]
-        if self.may_publish and self.republish_at_ms is not None and now_ms >= self.republish_at_ms:
-            self.republish_at_ms = None
-            out += self.republish()
-        return out
+        out = self.answers.first_words(now_ms)
+        out += self.answers.give(self.executor.tick(now_ms), now_ms)
+        return out + self.answers.repeated(now_ms)

@@ -90,6 +90,7 @@ class UavClient:
             has_paths=paths is not None,
             is_audited=is_audited,
         )
+        self._answers = self.desk.answers
         self.parameters = self.executor.parameters
         staged.sources[PLAN] = self.executor.plans.fetch
         staged.sources[PARAMETERS] = self.parameters.fetch
@@ -116,7 +117,7 @@ class UavClient:
     @property
     def born(self) -> bool:
         """Whether this session's birth is published. Before it no word and no state is."""
-        return self.desk.may_publish
+        return self._answers.may_publish
 
     def will(self) -> Will:
         """The will of a connection to the fog broker."""
@@ -143,7 +144,7 @@ class UavClient:
     def on_disconnected(self, link: str, now_ms: int) -> list[Effect]:
         if link == SENSORS:
             return []
-        self.connected = self.desk.may_publish = False
+        self.connected = self._answers.may_publish = False
         self._hearing.end()
         if self.paths is not None:
             self.paths.on_lost(None)
@@ -159,7 +160,7 @@ class UavClient:
             return []
         self._states.throttle.repeat_published()  # states sent over another one may not have arrived
         readings = self.carrier.on_path() if self.carrier is not None else []
-        return [self._beacon(now_ms), *self.desk.republish(), *readings]
+        return [self._beacon(now_ms), *self._answers.republish(), *readings]
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
         """Once all subscriptions are granted, publish birth, beacon, and undelivered words and readings."""
@@ -168,12 +169,12 @@ class UavClient:
         self._awaited_subacks -= 1
         if self._awaited_subacks != 0:
             return []
-        self.desk.may_publish = True
+        self._answers.may_publish = True
         self._hearing.granted(now_ms)
         self._states.throttle.forget_published()
         self._listener = None
         out: list[Effect] = [self._presence.say(up=True), self._beacon(now_ms)]
-        out += self.desk.close_restored(now_ms) + self.desk.republish()
+        out += self._answers.close_restored(now_ms) + self._answers.republish()
         return out + (self.carrier.on_fog_up(now_ms) if self.carrier is not None else [])
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
@@ -197,7 +198,7 @@ class UavClient:
             return []
         if self.carrier is not None and is_carried(ref):
             return self.carrier.on_published(ref, code, now_ms)
-        return self.desk.on_published(ref, code, now_ms)
+        return self._answers.on_published(ref, code, now_ms)
 
     def on_mavlink(self, message: Any, now_ms: int) -> list[Effect]:
         """A message from the autopilot's link."""
@@ -213,22 +214,22 @@ class UavClient:
         endurance = self._endurance.on_message(message, now_ms)
         if endurance is not None:
             self._states.throttle.update(endurance)
-        out += self.desk.carry_out(self.executor.on_message(message, now_ms), now_ms)
+        out += self._answers.give(self.executor.on_message(message, now_ms), now_ms)
         streamed = self._states.streamed(message, now_ms)
         return self._with_bundle(out + self._states.publish(streamed, now_ms), now_ms) if self.born else out
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
-        return self.desk.carry_out(self.executor.on_transmitted(ref, now_ms), now_ms)
+        return self._answers.give(self.executor.on_transmitted(ref, now_ms), now_ms)
 
     def on_refused(self, ref: Any, late: bool, now_ms: int) -> list[Effect]:
-        return self.desk.carry_out(self.executor.on_refused(ref, late, now_ms), now_ms)
+        return self._answers.give(self.executor.on_refused(ref, late, now_ms), now_ms)
 
     def on_log(self, done: LogDone, now_ms: int) -> list[Effect]:
         """The result of work on the folder of logs."""
         if isinstance(done, LogLoaded):
             return self._bulk.on_loaded(done) if self.born else []
         out: list[Effect] = [Log("logs", done.detail)] if isinstance(done, LogFault) else []
-        return out + self.desk.carry_out(self.executor.logs.on_done(done, now_ms), now_ms)
+        return out + self._answers.give(self.executor.logs.on_done(done, now_ms), now_ms)
 
     def on_identity(self, now_ms: int) -> list[Effect]:
         """Publish birth and beacon for the identity's new key, or the fleet's newer revocation list."""
@@ -244,7 +245,7 @@ class UavClient:
         out = self.desk.tick(now_ms)
         out += self._heartbeats.due(now_ms, self.is_controlled(now_ms))
         for question in (*self._enquiries.due(now_ms), *self._streams.reminders(now_ms)):
-            out += self.desk.carry_out(self.executor.ask(question, now_ms), now_ms)
+            out += self._answers.give(self.executor.ask(question, now_ms), now_ms)
         if not self.born:
             return out
         if now_ms >= self._next_beacon_ms:
@@ -257,11 +258,11 @@ class UavClient:
             out += self.carrier.tick(now_ms)
         out += self._bulk.tick(now_ms) + self._states.publish(self._states.due(now_ms), now_ms)
         bundle = self._states.bundle(now_ms)
-        return out + self.desk.say_first_words() + bundle if bundle else self._with_bundle(out, now_ms)
+        return out + self._answers.say_first_words() + bundle if bundle else self._with_bundle(out, now_ms)
 
     def _with_bundle(self, out: list[Effect], now_ms: int) -> list[Effect]:
         """Add the waiting states if `out` has a word: messages of one turn share a TCP segment (R10.7)."""
-        return out + self._states.bundle(now_ms, early=True) if any(map(self.desk.is_word, out)) else out
+        return out + self._states.bundle(now_ms, early=True) if any(map(self._answers.is_word, out)) else out
 
     def is_controlled(self, now_ms: int) -> bool:
         """Whether a ground station controls this drone: its lease from the activator has not ended."""
@@ -270,11 +271,11 @@ class UavClient:
     def goodbye(self, now_ms: int) -> list[Effect]:
         """Stop cleanly: end set-points with a hold, publish waiting words, then `down`."""
         self._hearing.end()
-        said = self.desk.say_first_words()
-        self.desk.may_publish = False
+        said = self._answers.say_first_words()
+        self._answers.may_publish = False
         if self.carrier is not None:
             self.carrier.on_fog_down()
-        out = [*said, *self.desk.carry_out(self.executor.leave(now_ms), now_ms)]
+        out = [*said, *self._answers.give(self.executor.leave(now_ms), now_ms)]
         return [*out, self._presence.say(up=False)] if self.connected else out
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
