@@ -344,6 +344,17 @@ async def test_with_take_over_the_second_upload_ends_the_first(group: Any) -> No
     ]
 
 
+async def test_a_list_that_waited_for_another_one_is_not_carried_once_its_client_has_lost_control(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    first, second = bench.client(), bench.client("script", 245)
+    await upload(bench, first, 1)
+    await upload(bench, first, 1, kind=2, command=5100)
+    await bench.ask(second, HOLD)
+    await bench.carry(Word.COMPLETED)
+    assert [plan.content.mission for plan, _ in bench.drone.uploads] == [(of_plan(0),)]
+    assert acks(bench) == [(ACCEPTED, 0), (DENIED, 2)]
+
+
 @pytest.mark.parametrize("by", ["command", "control", "station"])
 async def test_a_list_whose_client_lost_control_before_its_last_item_is_not_carried(group: Any, by: str) -> None:
     bench = Bench(group, take_over=by == "command")

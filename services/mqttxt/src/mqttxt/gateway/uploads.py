@@ -176,9 +176,9 @@ class Uploads(Worker):
                 self._receive(upload)
             await self._control.take(upload.client, upload.drone, self._ttl_s)
             await upload.whole.wait()
-            if not self._control.has(upload.client, upload.drone):
-                raise Declined(f"{upload.kind.label} upload: control is lost, not sent: the old one stays")
             async with self._turns.setdefault(upload.drone.number, asyncio.Lock()):
+                if not self._control.has(upload.client, upload.drone):
+                    raise Declined(f"{upload.kind.label} upload: control is lost, not sent: the old one stays")
                 if not upload.is_over:
                     await self._send(upload)
 
