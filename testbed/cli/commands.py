@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from mqttxt.cli.one_line import OneLineErrors
 from net.link_plan import SHAPERS
@@ -151,7 +151,8 @@ def compare(
 @app.command()
 def arms() -> None:
     """Say which arms there are, what each sets the factors to, and what else they can be."""
-    table = Table("", *ARMS, "can be", box=None, pad_edge=False, header_style="bold")
+    names = [Column(name, no_wrap=True) for name in ("", *ARMS)]
+    table = Table(*names, "can be", box=None, pad_edge=False, header_style="bold")
     for name, values in FACTORS.items():
         own = [str(getattr(arm.factors, name)) for arm in ARMS.values()]
         table.add_row(name.upper(), *own, ", ".join(values))

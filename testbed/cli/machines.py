@@ -27,7 +27,8 @@ from ..fly.results import Series
 from ..fly.runner import Begun, run_series, signals_interrupt
 from ..fly.validity import Verdict
 from ..plan.experiments import Plan
-from ..plan.machines import refuse_machines
+from ..plan.machines import MAX_PORT, refuse_machines
+from ..plan.typed import whole_number
 from ..present.reporting import RESULTS, make_console, report_series
 
 LEAST_URGENT = 19
@@ -52,6 +53,7 @@ def scheduler(
     from ..fly.campaign.certificate import security_of
     from ..fly.campaign.machines import schedule
 
+    whole_number("PORT", str(port), MAX_PORT)
     quiet()
     asyncio.run(until_a_signal(schedule(port, security_of(certificate), typer.echo)))
 

@@ -17,12 +17,15 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from net.link_plan import SHAPERS
+
 from ..plan.documents import shown
 from ..plan.experiments import PROTOCOLS
 from ..plan.fleet import Fleet
 from ..plan.profiles.reading import profile_names, read_profile
 from ..plan.profiles.resolve import LinksPlan, resolve
 from ..plan.topology import Topology
+from ..plan.typed import one_of
 from .calibration import Calibration, LinkLoss, calibrate, measure_losses
 from .calibration.calibrate import RunInNode, run_schedule
 from .calibration.schedule import make_load
@@ -72,9 +75,10 @@ def check_profiles(
 ) -> bool:
     """Check a fleet's links on a list of profiles (empty: all); prints configured and measured figures in a table.
 
-    Returns whether all figures hold. Raises UserError for an unknown profile, DockerError if the containers cannot be
-    started.
+    Returns whether all figures hold. Raises UserError for an unknown profile or shaper, DockerError if the containers
+    cannot be started.
     """
+    one_of("SHAPER", shaper, SHAPERS)
     topology = fleet.topology()
     wanted = [name.strip() for name in names.split(",") if name.strip()] or profile_names()
     plans = [resolve(read_profile(name), topology, EXPERIMENT, 1) for name in wanted]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -67,32 +68,33 @@ def receipts(
     """Count the calls, and the commands that autopilots received again or after the last word, by the autopilots' logs;
     None if these have no commands, as those of real autopilots.
 
-    A call to a drone counts until the next call of the same command; `flights` and `drones_of` as in `received_ms`.
+    `flights` are the autopilots' logs by node, `drones_of` the drones of each fog.
     """
     arrived = _commands(flights)
     if not any(arrived.values()):
         return None
     ended = {(e["call"], e["drone"]): e["t_ns"] for e in events if e["event"] == "outcome" and e["final"]}
-    calls = [
-        (drone, event)
-        for event in calls_in(events, window)
-        if event["command"] in CALLS
-        for drone in _called(event, drones_of)
-    ]
-    found: Receipts = {"calls": len(calls), "doubled": 0, "late": 0}
-    for place, (drone, call) in enumerate(calls):
-        until_ns = next(
-            (c["t_ns"] for d, c in calls[place + 1 :] if (d, c["command"]) == (drone, call["command"])), 2**63
-        )
-        of_call = CALLS[call["command"]]
-        came = [
-            command["arrived_ns"]
-            for command in arrived.get(drone, [])
-            if call["t_ns"] <= command["arrived_ns"] < until_ns and of_call.is_of(command)
-        ]
+    found: Receipts = {"calls": 0, "doubled": 0, "late": 0}
+    for drone, call, came in _received(events, arrived, drones_of, window):
+        found["calls"] += 1
         found["doubled"] += max(0, len(came) - 1)
         found["late"] += sum(at > ended.get((call["call"], drone), 2**63) for at in came)
     return found
+
+
+def received_ms(
+    events: list[dict[str, Any]],
+    flights: dict[str, list[dict[str, Any]]],
+    drones_of: dict[int, list[int]],
+    window: Window,
+) -> dict[str, list[float]]:
+    """By command the times from the API call until the autopilot received it, by the autopilot's own log; `flights` and
+    `drones_of` as in `receipts`."""
+    found: dict[str, list[float]] = defaultdict(list)
+    for _, call, came in _received(events, _commands(flights), drones_of, window):
+        if came:
+            found[str(call["command"])].append(round((came[0] - call["t_ns"]) / 1e6, 3))
+    return dict(sorted(found.items()))
 
 
 def _commands(flights: dict[str, list[dict[str, Any]]]) -> dict[int, list[dict[str, Any]]]:
@@ -104,37 +106,36 @@ def _commands(flights: dict[str, list[dict[str, Any]]]) -> dict[int, list[dict[s
     }
 
 
+def _received(
+    events: list[dict[str, Any]],
+    arrived: dict[int, list[dict[str, Any]]],
+    drones_of: dict[int, list[int]],
+    window: Window,
+) -> Iterator[tuple[int, dict[str, Any], list[int]]]:
+    """Each call to a drone, and when its autopilot received the command: a call counts until the next one of the same
+    command to that drone."""
+    calls = [
+        (drone, event)
+        for event in calls_in(events, window)
+        if event["command"] in CALLS
+        for drone in _called(event, drones_of)
+    ]
+    for place, (drone, call) in enumerate(calls):
+        until_ns = next(
+            (c["t_ns"] for d, c in calls[place + 1 :] if (d, c["command"]) == (drone, call["command"])), 2**63
+        )
+        of_call = CALLS[call["command"]]
+        came = [
+            command["arrived_ns"]
+            for command in arrived.get(drone, [])
+            if call["t_ns"] <= command["arrived_ns"] < until_ns and of_call.is_of(command)
+        ]
+        yield drone, call, came
+
+
 def _called(call: dict[str, Any], drones_of: dict[int, list[int]]) -> list[int]:
     """The drones that a call is for: one, or all of its fog."""
     return [call["drone"]] if call["drone"] is not None else drones_of.get(call["fog"], [])
-
-
-def received_ms(
-    events: list[dict[str, Any]],
-    flights: dict[str, list[dict[str, Any]]],
-    drones_of: dict[int, list[int]],
-    window: Window,
-) -> dict[str, list[float]]:
-    """By command the times from the API call until the autopilot received it, by the autopilot's own log.
-
-    `flights` are the autopilots' logs by node, `drones_of` the drones of each fog.
-    """
-    found: dict[str, list[float]] = defaultdict(list)
-    arrived = _commands(flights)
-    for event in calls_in(events, window):
-        call = CALLS.get(str(event["command"]))
-        for drone in _called(event, drones_of) if call is not None else ():
-            took = next(
-                (
-                    command["arrived_ns"]
-                    for command in arrived.get(drone, [])
-                    if command["arrived_ns"] >= event["t_ns"] and call is not None and call.is_of(command)
-                ),
-                None,
-            )
-            if took is not None:
-                found[str(event["command"])].append(round((took - event["t_ns"]) / 1e6, 3))
-    return dict(sorted(found.items()))
 
 
 def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, DelaysEntry]:

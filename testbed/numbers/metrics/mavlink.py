@@ -25,6 +25,8 @@ STATE_MESSAGES = {
 """The state that each message carries; GLOBAL_POSITION_INT carries the heading too and counts once."""
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 _SEQUENCES = 256
+_OVERTAKEN = 8
+"""By how many messages a sequence number may come late: an autopilot writes from several threads."""
 _STATION_SYSTEM = 245
 """MAVSDK's own system id."""
 
@@ -65,6 +67,7 @@ CALLS: dict[str, CallPattern] = {
     "hold": _HOLD,
     "return": CallPattern(_SET_MODE, (None, 4.0, 5.0)),
     "offboard": CallPattern(_SET_MODE, (None, 6.0)),
+    "start_mission": CallPattern(_SET_MODE, (None, 4.0, 4.0)),
 }
 """The command of each call (MAV_CMD; DO_SET_MODE with PX4's main and sub mode)."""
 BESIDE = {"goto": _HOLD}
@@ -147,9 +150,10 @@ def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> Mavl
 
 def _unsent(messages: pl.DataFrame, ways: Ways) -> dict[str, int]:
     """By drone how many messages never entered its link, by gaps in the sequence numbers: its router or socket had no
-    room for them. A gap of 256 does not show."""
+    room for them. A gap of 256, or of a few less, does not show."""
     own = messages.filter(_by_its_drone(ways))
-    missing = (pl.col("sequence").diff() - 1) % _SEQUENCES
+    step = (pl.col("sequence").diff() - 1) % _SEQUENCES
+    missing = pl.when(step < _SEQUENCES - _OVERTAKEN).then(step).otherwise(step - _SEQUENCES)
     gaps = own.group_by("system", "component", maintain_order=True).agg(missing.fill_null(0).sum().alias("missing"))
     counts = gaps.group_by("system").agg(pl.col("missing").sum()).filter(pl.col("missing") > 0).sort("system")
     return {str(drone): int(count) for drone, count in counts.iter_rows()}

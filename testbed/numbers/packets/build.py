@@ -24,6 +24,8 @@ from .tcp import NEEDED, NEEDLESS, retransmissions
 from .tls import Secrets, read_key_log
 
 _FROM_HEADERS = ("protocol", "source_port", "destination_port", "ethernet", "ip", "transport", "sequence", "flags")
+APART_NS = 100_000_000
+"""By how much a capture may end before another, although all are told to at once."""
 _OPENS_OR_ENDS = 0x07
 """TCP's FIN, SYN and RST."""
 
@@ -65,13 +67,12 @@ def build(attempt: Attempt) -> Built:
     parts: list[_CaptureFrames] = []
     nodes: list[str] = []
     truncated: list[str] = []
-    until_ns: dict[str, int] = {}
+    last_ns: dict[str, int] = {}
     for path in sorted((attempt.path / "pcap").glob("*.pcap")):
         capture = read_capture(path)
         parts.append(_read_part(tree, path.stem, len(nodes), capture, macs.get(path.stem)))
         nodes.append(path.stem)
-        if capture.truncated:
-            until_ns[path.stem] = int(capture.t_ns.max(initial=0))
+        last_ns[path.stem] = int(capture.t_ns.max(initial=0))
         truncated += [path.name] if capture.truncated else []
     parts = parts or [_read_part(tree, "", 0, empty_capture(), None)]
 
@@ -82,8 +83,10 @@ def build(attempt: Attempt) -> Built:
     entered["left_ns"] = np.append(left["t_ns"], NOWHERE)[place]
 
     last_event_ns = max((int(event["t_ns"]) for event in attempt.events()), default=0)  # the network ends after it
-    ended_ns = int(max(entered["t_ns"].max(initial=0), left["t_ns"].max(initial=0), last_event_ns))
-    until_ns |= {node: ended_ns if node in nodes else 0 for node in tree.nodes if node not in until_ns}
+    least_ns = max(last_event_ns, max(last_ns.values(), default=0) - APART_NS)
+    until_ns = dict.fromkeys(tree.nodes, 0) | {
+        node: seen_ns if f"{node}.pcap" in truncated else max(seen_ns, least_ns) for node, seen_ns in last_ns.items()
+    }
     entered["lost"] = _lost(tree, entered, until_ns)
 
     row_of = np.empty_like(order)

@@ -97,7 +97,8 @@ def match(entered_key: Words, entered_ns: Ints, left_key: Words, left_ns: Ints) 
     """For each frame that entered a link its index among those that left; NOWHERE for a lost one.
 
     Both are sorted by time, and a key belongs to one link. The n-th frame with a key that left is the n-th that
-    entered, unless fewer (or more) left than entered: then it is the last one that had entered before it left.
+    entered, unless fewer (or more) left than entered: then it is the last one that had entered before it left, and that
+    no later one is, as with a repeated SYN-ACK of which several are on the link at once.
     """
     order, left_order = np.argsort(entered_key, kind="stable"), np.argsort(left_key, kind="stable")
     keys, left_keys = entered_key[order], left_key[left_order]
@@ -107,8 +108,18 @@ def match(entered_key: Words, entered_ns: Ints, left_key: Words, left_ns: Ints) 
     entered_count = np.searchsorted(keys, keys, side="right") - begins
     place = first + np.arange(len(keys)) - begins
     place[count == 0] = NOWHERE
-    uneven = np.flatnonzero((count != entered_count) & (count > 0))
-    for at in uneven:
+    for at in np.flatnonzero((count < entered_count) & (count > 0) & (begins == np.arange(len(keys)))):
+        times = left_ns[left_order[first[at] : first[at] + count[at]]]
+        last = at + entered_count[at]
+        came = entered_ns[order[at:last]]
+        place[at:last] = NOWHERE
+        free = len(came)
+        for n in range(len(times) - 1, -1, -1):
+            free = min(free, int(np.searchsorted(came, times[n], side="right"))) - 1
+            if free < 0:
+                break
+            place[at + free] = first[at] + n
+    for at in np.flatnonzero(count > entered_count):
         times = left_ns[left_order[first[at] : first[at] + count[at]]]
         until = entered_ns[order[at + 1]] if at + 1 < len(keys) and keys[at + 1] == keys[at] else None
         n = int(np.searchsorted(times, entered_ns[order[at]], side="left"))

@@ -24,11 +24,11 @@ _TEXTS = {0x03: 1, 0x08: 1, 0x09: 1, 0x26: 2}
 
 @dataclass(frozen=True)
 class Packet:
-    """An MQTT packet: the row of the frame with its first byte, and when its last byte left the link (None: never).
+    """An MQTT packet: the row of the frame with its first byte, and when all up to its last byte had left the link.
 
-    `topic` and `payload` are those of a PUBLISH. An alias (MQTT 5.0, 3.3.2.3.4) is replaced by its topic, which is
-    empty if the capture does not have it. `size` is bytes of MQTT, None for a packet that was cut off. `copies` counts
-    the frames that carried its first byte.
+    `left_ns` is None if a byte of it never left. `topic` and `payload` are those of a PUBLISH. An alias (MQTT 5.0,
+    3.3.2.3.4) is replaced by its topic, which is empty if the capture does not have it. `size` is bytes of MQTT, None
+    for a packet that was cut off. `copies` counts the frames that carried its first byte.
     """
 
     row: int

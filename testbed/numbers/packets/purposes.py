@@ -62,7 +62,8 @@ def of_packet(kind: str, topic: str | None) -> str:
 
 
 def of_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.Series:
-    """The purpose of each row of the messages table; a HEARTBEAT is a state only if it is a drone's."""
+    """The purpose of each row of the messages table. A HEARTBEAT is a state only if it is a drone's; a command that an
+    autopilot sends, as PX4 does to components that it may have, is one too: nobody asked for it."""
     kind = pl.col("kind").cast(pl.String)
     is_mavlink = pl.col("protocol").cast(pl.String) == "mavlink"
     own = pl.col("system").is_in(list(drones))
@@ -71,6 +72,8 @@ def of_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.Series:
         .then(pl.lit(_UPKEEP))
         .when(kind.is_in(["COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK"]) & pl.col("command").is_in(_ASKING))
         .then(pl.lit(_UPKEEP))
+        .when(own & kind.is_in([name for name, purpose in _MAVLINK.items() if purpose == _COMMAND]))
+        .then(pl.lit(_STATE))
         .when(kind.str.contains(_CARRIED) & ~kind.is_in(_UNASKED))
         .then(pl.when(own).then(pl.lit(_RESULT)).otherwise(pl.lit(_COMMAND)))
         .otherwise(kind.replace_strict(_MAVLINK, default=_STATE, return_dtype=pl.String))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
+from functools import cached_property
+from itertools import accumulate, pairwise
 
 SYN = 0x02
 
@@ -69,16 +70,27 @@ class Run:
         return {segment.row for segment in (piece, *self._copies_with(place, place + 1))}
 
     def left_ns(self, start: int, end: int) -> int | None:
-        """When the first copies of all bytes from `start` to `end` had left the link; None if a byte never did."""
-        latest = 0
-        for low, high in pairwise(self._edges(start, end)):
-            piece = self.pieces[bisect_right(self.begins, low) - 1]
-            carriers = [piece, *self._copies_with(low, high)]
-            times = [carrier.left_ns for carrier in carriers if carrier.left_ns is not None]
-            if not times:
-                return None
-            latest = max(latest, min(times))
-        return latest
+        """When the bytes from `start` to `end` had left the link, and those of the run before them that did: TCP hands
+        on in order. None if one of these bytes never left; of a byte the first copy counts."""
+        times = [self._first_ns(low, high) for low, high in pairwise(self._edges(start, end))]
+        known = [time for time in times if time is not None]
+        if len(known) < len(times):
+            return None
+        ends, latest_ns = self._handed_on
+        before = bisect_right(ends, start)
+        return max([*known, *latest_ns[before - 1 : before]], default=0)
+
+    @cached_property
+    def _handed_on(self) -> tuple[list[int], list[int]]:
+        """Places, and when all bytes before each that ever left had left the link."""
+        edges = self._edges(self.origin, self.reached)
+        times = [self._first_ns(low, high) or 0 for low, high in pairwise(edges)]
+        return edges[1:], list(accumulate(times, max))
+
+    def _first_ns(self, low: int, high: int) -> int | None:
+        """When the first of the frames that carried the bytes between two edges had left the link."""
+        carriers = [self.pieces[bisect_right(self.begins, low) - 1], *self._copies_with(low, high)]
+        return min((one.left_ns for one in carriers if one.left_ns is not None), default=None)
 
     def _edges(self, start: int, end: int) -> list[int]:
         """The range's ends, and the places between them where the frames that carried a byte change."""

@@ -34,7 +34,7 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 |---|---|---|
 | `frame` | i64 | the row in `frames` of the frame in which it begins |
 | `t_ns`, `link` | | that frame's |
-| `left_ns` | i64 or null | when the first copy of its last byte had left the link |
+| `left_ns` | i64 or null | when it had left the link, its first copy; over TCP with all that was sent before it |
 | `protocol`, `kind` | categorical | mqtt or mavlink; `publish`, `puback`, …, or `HEARTBEAT`, … |
 | `bytes` | i64 or null | of the message without lower layers; null: cut off |
 | `copies` | i64 | frames that carried its first byte: more than one for a TCP retransmission |
@@ -64,7 +64,7 @@ from ...fly.results import Attempt, fresh_beside
 from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
-VERSION = 10
+VERSION = 11
 """Raised with every change of a column's meaning or of how it is computed."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"

@@ -15,11 +15,12 @@ HEADINGS = (
     *("delay", "lost"),
 )
 READING = (
-    "MQTT-XT comes first, then MAVLink; × is MAVLink's over MQTT-XT's. Received: calls that the autopilot took, or "
+    "MQTT-XT comes first, then MAVLink; × is MAVLink's over MQTT-XT's. Received: calls whose acknowledgement came, or "
     "values that came in time, of those asked for. Packets and bytes are for one message, means of the completed "
-    "attempts. All: every frame that entered any link while the kind was on, as the thesis counts; alone: the kind's "
-    "own messages, their answers and what acknowledges them. Delay: one way by capture, a mean; lost: messages of "
-    "which no copy arrived."
+    "attempts. All: every frame that entered any link while the kind was on, a command until its first word, as the "
+    "thesis counts; alone: of those the kind's own messages, their answers and what acknowledges them. So neither "
+    "MQTT-XT's words after the first one count nor what MAVSDK's repetitions put on the links after it. Delay: one way "
+    "by capture, a mean; lost: messages of which no copy arrived."
 )
 
 

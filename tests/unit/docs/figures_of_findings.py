@@ -33,6 +33,8 @@ STREAMED = (
 """Where PX4's onboard streams are flown on the links of `thesis`."""
 OTHER_PROFILES = ("3g", "bursty", "edge", "geo", "geo-2s", "lan", "leo", "sik")
 """Where one attempt of `five-states-bundled` was flown."""
+LINKS_OF_A_CHAIN = 3
+"""Between a drone and the ground station."""
 COLUMNS = [f"{HEADINGS[at - 1]} ×" if name == "×" else name for at, name in enumerate(HEADINGS)]
 """Of the message set's table; a ratio is named after the column that it is of."""
 
@@ -121,9 +123,17 @@ def _traffic(found: Findings) -> list[str]:
     chains = [found.cell(f"{arm}+chain-per-uav", "thesis") for arm in (FIVE, BUNDLED)]
     times = [found.one(arm, "thesis", "rates") for arm in (PX4, *(cell.arm for cell in chains))]
     upkeep = found.bytes_of("mavlink", chains[0].arm).purposes["upkeep"]
+    pings = words.share(median(map(_pings, completed(chains[0].metrics["protocols"]["mavlink"]))))
     states = [claims()[1].judge(cell).figure.removesuffix("×") for cell in chains]
     shared = [found.one(arm, "thesis", "rates") for arm in (FIVE, BUNDLED)]
-    return [*(f"{one} times" for one in times), words.share(upkeep), *states, *shared]
+    return [*(f"{one} times" for one in times), words.share(upkeep), pings, *states, *shared]
+
+
+def _pings(attempt: dict[str, Any]) -> float:
+    """The share of MAVSDK's PINGs and the drones' answers among all bytes: each crosses the links of its chain."""
+    sent = [*attempt["mavlink"]["commands"], *attempt["mavlink"]["streams"]]
+    own = sum(one["bytes"] for one in sent if one["name"] in ("PING", "PING (answer)"))
+    return LINKS_OF_A_CHAIN * own / sum(purpose["bytes"] for purpose in attempt["purposes"].values())
 
 
 def _commands(found: Findings) -> list[str]:
@@ -165,9 +175,9 @@ def _losses(found: Findings) -> list[str]:
 
 
 def _bundles(found: Findings) -> list[str]:
-    """A position's delay: in bundles and at the latest, MAVLink's on the same profiles, and topic by topic."""
+    """A position's delay: in bundles, of single attempts, and at the latest; MAVLink's, and topic by topic."""
     profiles = ("ideal", "lte", "lossy", "thesis")
-    bundled = [f"{_position_ms(found, 'mqttxt', BUNDLED, profile)} on `{profile}`" for profile in profiles]
+    bundled = [f"{_span_ms(_positions_ms(found, 'mqttxt', BUNDLED, profile))} on `{profile}`" for profile in profiles]
     of_bundles = [one for profile in profiles for one in found.attempts("mqttxt", BUNDLED, profile)]
     latest = words.milliseconds(max(one["state_delay_ms"]["location"]["captures"]["max"] for one in of_bundles))
     theirs = [_position_ms(found, "mavlink", BUNDLED, profile) for profile in profiles]
@@ -177,8 +187,18 @@ def _bundles(found: Findings) -> list[str]:
 
 def _position_ms(found: Findings, side: str, arm: str, profile: str) -> str:
     """The median of the completed attempts' medians."""
+    return words.milliseconds(median(_positions_ms(found, side, arm, profile)))
+
+
+def _positions_ms(found: Findings, side: str, arm: str, profile: str) -> list[float]:
+    """Each completed attempt's median."""
     done = completed(found.cell(arm, profile).metrics["protocols"][side])
-    return words.milliseconds(median(one["state_delay_ms"]["location"]["captures"]["p50"] for one in done))
+    return [one["state_delay_ms"]["location"]["captures"]["p50"] for one in done]
+
+
+def _span_ms(values: Sequence[float]) -> str:
+    """'119 to 450 ms'."""
+    return f"{min(values):.0f} to {max(values):.0f} ms"
 
 
 def _lossy(found: Findings) -> list[str]:

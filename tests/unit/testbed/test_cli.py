@@ -16,7 +16,7 @@ from testbed.cli import live
 from testbed.errors import DockerError, TestbedError
 from testbed.fly.results import Series, new_attempt
 from testbed.fly.validity import WATCHED, Verdict
-from testbed.plan.experiments import Plan
+from testbed.plan.experiments import ARMS, Plan
 from testbed.plan.overrides import FLEET_COPY
 from testbed.present import reporting
 
@@ -119,6 +119,14 @@ def test_many_machines_need_a_schedulers_address(words: list[str], tmp_path: Pat
     assert _run(*words, "--certificate", str(path), "--scheduler", "tcp://lab:8786") == (2, "", said)
 
 
+def test_a_port_that_none_is_starts_no_scheduler(tmp_path: Path) -> None:
+    """Dask listens at the remainder by 65536."""
+    path = tmp_path / "campaign.pem"
+    assert _run("certificate", str(path))[0] == 0
+    said = "testbed: PORT=99999: expected a whole number from 1 to 65535\n"
+    assert _run("scheduler", "--certificate", str(path), "--port", "99999") == (2, "", said)
+
+
 def test_a_machine_without_docker_flies_for_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "campaign.pem"
     assert _run("certificate", str(path))[0] == 0
@@ -140,6 +148,7 @@ def test_arms_and_factors_are_shown() -> None:
     assert code == 0
     rows = {line.split()[0]: line.split() for line in shown.splitlines() if line[0].isalpha()}
     assert rows["QOS"] == ["QOS", "0", "0", "1", "1", "1", "1", "0,", "1"]
+    assert shown.splitlines()[0].split() == [*ARMS, "can", "be"]
     assert rows["STATES"][1:6] == ["on-change", "on-change", "fixed", "bundle", "on-change"]
 
 

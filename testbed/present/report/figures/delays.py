@@ -23,10 +23,16 @@ class Delays:
     attempts: tuple[int, ...]
     by_application: tuple[float, ...] = ()
     """From the call to the callback, as measured by the applications."""
+    lost: int = 0
+    """How many never arrived and are not among `values`."""
 
     @property
     def arrived(self) -> list[float]:
         return sorted(value for value in self.values if value is not None)
+
+    @property
+    def sent(self) -> int:
+        return len(self.values) + self.lost
 
 
 DelaysByKind = dict[str, dict[str, Delays]]
@@ -54,7 +60,9 @@ def delays_of(completed: dict[str, list[AttemptEntry]], order: list[str]) -> Del
             own = [ms for one in attempts for ms in one["delay_app_ms"].get(name, ())]
             if told:
                 values, numbers = zip(*told, strict=True)
-                found.setdefault(name, {})[protocol] = Delays(values, numbers, tuple(own))
+                sent = [one["messages"]["commands"] for one in attempts]
+                lost = sum(counts[name]["lost"] for counts in sent if name in counts)
+                found.setdefault(name, {})[protocol] = Delays(values, numbers, tuple(own), lost)
     return found
 
 
@@ -88,16 +96,20 @@ def distribution(kinds: DelaysByKind) -> Figure | None:
         title="How delays are distributed",
         shows=f"Share of command messages that arrived within a time. {medians(kinds)}",
         note=(
-            "Read up from a time: that share of the messages had arrived by then."
-            + (" Thin and dashed: the applications' own, from the call to the callback." if own else "")
+            "Read up from a time: that share of the messages had arrived by then; a line that ends below 100 % lost "
+            "the rest."
+            + (" Thin and dashed: the applications' own, from the call to the callback, where one came." if own else "")
         ),
         draw=lambda width: _panels(kinds, width, _draw_shares, 130),
         header=("command", "protocol", "measured", "delay_ms", "share_within"),
         rows=tuple(
-            (name, protocol, by, value, round((place + 1) / len(values), 6))
+            (name, protocol, by, value, round((place + 1) / count, 6))
             for name, sides in kinds.items()
             for protocol, one in sides.items()
-            for by, values in (("capture", one.arrived), ("application", sorted(one.by_application)))
+            for by, values, count in (
+                ("capture", one.arrived, one.sent),
+                ("application", sorted(one.by_application), len(one.by_application)),
+            )
             for place, value in enumerate(values)
         ),
         sources=("pcap", "events.jsonl"),
@@ -181,17 +193,17 @@ def _draw_numbers(drawing: Drawing, by: dict[str, Delays], across: Scale, up: Sc
 
 def _draw_shares(drawing: Drawing, by: dict[str, Delays], across: Scale, up: Scale) -> None:
     for protocol, one in by.items():
-        _stairs(drawing, sorted(one.by_application), protocol, across, up, thin=True)
-        _stairs(drawing, one.arrived, protocol, across, up)
+        _stairs(drawing, sorted(one.by_application), len(one.by_application), protocol, across, up, thin=True)
+        _stairs(drawing, one.arrived, one.sent, protocol, across, up)
 
 
 def _stairs(
-    drawing: Drawing, values: Sequence[float], protocol: str, across: Scale, up: Scale, thin: bool = False
+    drawing: Drawing, values: Sequence[float], count: int, protocol: str, across: Scale, up: Scale, thin: bool = False
 ) -> None:
     points, share = [(across.start, up(0))], 0.0
     for place, value in enumerate(values, 1):
         points.append((across(value), up(share)))
-        share = place / len(values)
+        share = place / count
         points.append((across(value), up(share)))
     points.append((across.end, up(share)))
     if values:

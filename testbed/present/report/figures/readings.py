@@ -81,9 +81,9 @@ def delays(sides: ReadingsBySide) -> Figure | None:
     kinds: dict[str, dict[str, Delays]] = {}
     for title, of in (("node to node, by capture", "delay_ms"), ("measured to told, by the program", "delay_app_ms")):
         for p, side in sides.items():
-            known = tuple(ms for one in side.measured if (ms := getattr(one, of)) is not None)
-            if known:
-                kinds.setdefault(title, {})[p] = Delays(known, (1,) * len(known))
+            took = tuple(getattr(one, of) for one in side.measured)
+            if any(ms is not None for ms in took):
+                kinds.setdefault(title, {})[p] = Delays(took, (1,) * len(took))
     if not kinds:
         return None
     return Figure(

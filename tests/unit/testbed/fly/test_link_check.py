@@ -99,6 +99,12 @@ def test_a_shaper_that_did_not_keep_up_is_off(tmp_path: Path) -> None:
     assert "ideal: the emulator did not keep up: 30 ms late\n1 off: " in said
 
 
+def test_an_unknown_shaper_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="SHAPER=tc: expected one of auto, netem, nfqueue"):
+        check_profiles("ideal", "tc", standard_fleet(), tmp_path, Console(), SimulatedNetwork())
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_network_that_ends_says_why_and_is_taken_down(tmp_path: Path) -> None:
     class Dead(SimulatedNetwork):
         def start(self, *services: str) -> None:

@@ -166,6 +166,14 @@ def test_the_same_command_called_again_is_a_call_of_its_own(series: Series) -> N
     assert found["delay_ms"] == {"arm": [SEEN / MS] * 2}
 
 
+def test_the_start_of_an_uploaded_mission_is_a_command(series: Series) -> None:
+    chain = armed()
+    chain.send(T0 + SECOND, packed(sender(245, 190), long_command(176, 1, 1.0, 4.0, 4.0)), 1, up=False)
+    found = measured(series, chain, [called(T0 - 500, 1, "arm", 1), called(T0 + SECOND - 500, 2, "start_mission", 1)])
+    assert found["commands_sent"] == 2
+    assert found["delay_ms"] == {"arm": [SEEN / MS], "start_mission": [SEEN / MS]}
+
+
 def test_a_message_that_shares_its_datagram_answers_for_its_part_of_the_frame(series: Series) -> None:
     chain, drone = armed(), sender(1)
     other = common.MAVLink_system_time_message(1, 1)  # 9 bytes of payload, as the heartbeat
@@ -195,8 +203,8 @@ def test_both_sides_give_ratios(series: Series) -> None:
 
 
 def test_what_a_drones_own_queue_dropped_shows_in_its_sequence_numbers(series: Series) -> None:
-    chain = armed((1, 2))
-    for drone, sequences in ((1, (254, 255, 2, 3)), (2, (7, 8, 9))):
+    chain = armed((1, 2, 3))
+    for drone, sequences in ((1, (254, 255, 2, 3)), (2, (7, 8, 9)), (3, (254, 0, 255, 2, 1, 3))):  # drone 3's overtake
         link = sender(drone)
         for number, sequence in enumerate(sequences):
             link.seq = sequence

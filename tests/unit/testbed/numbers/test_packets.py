@@ -110,6 +110,15 @@ def test_all_messages_of_a_datagram_are_found_and_signatures_and_version_1_too(s
     ]
 
 
+def test_a_frame_at_the_very_end_is_not_lost_because_captures_do_not_end_at_once(series: Series) -> None:
+    chain, link = Chain(), sender(1)
+    for at, lost_on in ((0, None), (500 * MS, "gs"), (1000 * MS, None), (1040 * MS, "gs"), (1080 * MS, "cloud")):
+        chain.send(T0 + at, packed(link, HEARTBEAT), 1, up=True, lost_on=lost_on)
+    frames = table_of(series, chain).frames.filter(pl.col("link") == "wan:gs:down")
+    assert frames["lost"].to_list() == [False, True, False, False]
+    assert frames["left_ns"].is_null().to_list() == [False, True, False, True]
+
+
 def test_commands_are_read_although_mavlink_2_cuts_their_zeros_off(series: Series) -> None:
     chain, link = Chain(), sender(245, 190)
     goto = common.MAVLink_command_int_message(1, 1, 6, 192, 0, 0, -1.0, 1.0, 0.0, 0.0, 473977000, 85455000, 500.0)
@@ -344,6 +353,8 @@ def test_an_attempt_without_captures_has_an_empty_table(series: Series) -> None:
         ([10, 11], [15, 16], [0, 1]),  # slower than they follow each other: the n-th is the n-th
         ([10, 20, 30], [25, 35], [-1, 0, 1]),  # the first was lost
         ([10, 20, 30], [15, 35], [0, -1, 1]),
+        ([10, 20, 30, 31], [35, 36, 37], [-1, 0, 1, 2]),  # one was lost, three are on the link at once
+        ([20, 30], [15], [-1, -1]),
         ([10, 20], [], [-1, -1]),
         ([20], [15, 25], [1]),  # one that was not seen entering
     ],

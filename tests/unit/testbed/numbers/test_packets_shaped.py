@@ -91,7 +91,7 @@ def test_a_retransmission_is_needed_or_needless_by_what_left_the_link(series: Se
     assert rows(found.messages, "frame", "left_ns", "copies") == [
         (0, T0 + 10 * MS, 1),
         (1, T0 + 13 * MS, 2),
-        (2, T0 + 12 * MS, 2),
+        (2, T0 + 13 * MS, 2),  # TCP hands it on behind the second
     ]
 
 
@@ -112,6 +112,7 @@ def test_messages_are_for_what_their_protocols_say(series: Series) -> None:
         common.MAVLink_command_ack_message(400, 0),
         common.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0),
         common.MAVLink_timesync_message(1, 1),
+        common.MAVLink_command_long_message(0, 0, 205, 0, 1, 0, 0, 0, 0, 0, 0),  # PX4's own, to whom it may concern
     ]
     for number, message in enumerate(up):
         chain.send(T0 + number * MS, packed(drone, message), 1, up=True, until="fog1")
@@ -121,7 +122,7 @@ def test_messages_are_for_what_their_protocols_say(series: Series) -> None:
         chain.send(T0 + (20 + number) * MS, body, 1, up=False, until="cloud")
     found = load(make_mavlink_attempt(series, 1, chain, [], 1.0))
     assert found.messages["purpose"].to_list() == [
-        *("state", "result", "state", "upkeep", "upkeep"),
+        *("state", "result", "state", "upkeep", "state", "upkeep"),
         *("command", "upkeep", "upkeep"),
     ]
     assert found.frames["purpose"].to_list() == found.messages["purpose"].to_list()

@@ -1,10 +1,10 @@
-"""What autopilots got of the calls: each once, again, or after the caller had its last word."""
+"""What autopilots got of the calls: each once, again, or after the caller had its last word; and how long it took."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from testbed.numbers.metrics.delays import receipts
+from testbed.numbers.metrics.delays import receipts, received_ms
 from testbed.numbers.metrics.window import Window
 from tests.handmade.attempts import called
 
@@ -51,3 +51,9 @@ def test_where_no_autopilot_logs_commands_nothing_is_known() -> None:
 def test_a_call_that_reached_nobody_is_neither() -> None:
     flights = {"uav1": [got(20, 400, 1.0)], "uav2": []}
     assert receipts([called(10, 1, "arm")], flights, FOGS, WINDOW) == {"calls": 2, "doubled": 0, "late": 0}
+
+
+def test_a_call_that_was_lost_does_not_take_the_next_ones_receipt() -> None:
+    flights = {"uav1": [got(2_100_000, 22)]}
+    events = [called(100_000, 1, "takeoff", 1), called(2_000_000, 2, "takeoff", 1)]
+    assert received_ms(events, flights, FOGS, Window(0, 3_000_000, 0)) == {"takeoff": [0.1]}

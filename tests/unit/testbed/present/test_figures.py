@@ -6,6 +6,7 @@ import csv
 import io
 import re
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -91,15 +92,25 @@ def test_an_outcome_belongs_to_the_call_for_its_fog_and_one_without_lasts_to_the
     assert [row["word"] for row in rows_of(figure) if row["what"] == "land"] == ["no last word"]
 
 
+def commands_of(number: int, lost: int = 0) -> dict[str, Any]:
+    delays_ms, messages = {"land": [3.0], "arm": [1.0, 2.0]}, {"arm": {"lost": lost}, "land": {"lost": 0}}
+    return {"attempt": number, "delay_ms": delays_ms, "delay_app_ms": {}, "messages": {"commands": messages}}
+
+
 def test_delays_keep_the_order_of_the_mission_and_know_their_attempt() -> None:
-    delays_ms = {"land": [3.0], "arm": [1.0, 2.0]}
-    done = {"mqttxt": [{"attempt": n, "delay_ms": delays_ms, "delay_app_ms": {}} for n in (1, 3)]}
-    kinds = delays.delays_of(done, ["arm", "land"])
+    kinds = delays.delays_of({"mqttxt": [commands_of(1), commands_of(3)]}, ["arm", "land"])
     assert list(kinds) == ["arm", "land"]
     assert kinds["arm"]["mqttxt"].attempts == (1, 1, 3, 3)
     figure = delays.distribution(kinds)
     assert figure is not None
     assert [row["share_within"] for row in rows_of(figure) if row["command"] == "arm"] == ["0.25", "0.5", "0.75", "1"]
+
+
+def test_a_lost_command_has_not_arrived_within_any_time() -> None:
+    kinds = delays.delays_of({"mavlink": [commands_of(1, lost=2)]}, ["arm", "land"])
+    figure = delays.distribution(kinds)
+    assert figure is not None
+    assert [row["share_within"] for row in rows_of(figure)] == ["0.25", "0.5", "1"]
 
 
 def test_packet_sizes_are_shares_of_each_sides_own() -> None:
