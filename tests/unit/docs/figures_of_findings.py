@@ -163,15 +163,20 @@ def _losses(found: Findings) -> list[str]:
     """MAVLink's states lost and missions failed with PX4's streams on `thesis`, and its loss with five states."""
     flown = [found.attempts("mavlink", arm, "thesis", experiment) for experiment, arm in STREAMED]
     shares = [lost_of(STATES_LOST, attempts) for attempts in flown]
-    least, *_, most = sorted((share.brief for share in shares), key=lambda text: float(text.split()[0]))
+    least, *_, most = sorted((share.brief for share in shares), key=_first)
     statuses = [one["status"] for attempts in flown for one in attempts]
-    of_five = found.attempts("mavlink", FIVE, "thesis")
-    assert {one["status"] for one in of_five} == {"completed"}
+    of_five = [cell.metrics["protocols"]["mavlink"]["attempts"] for cell in found.on("thesis") if FIVE in cell.arm]
+    assert {one["status"] for attempts in of_five for one in attempts} == {"completed"}
+    of_five_lost = sorted((lost_of(STATES_LOST, attempts).brief for attempts in of_five), key=_first)
     return [
         f"{least.removesuffix(' %')} to {most}",
         f"{statuses.count('failed')} of {len(statuses)} missions",
-        lost_of(STATES_LOST, of_five).brief,
+        f"{of_five_lost[0].removesuffix(' %')} to {of_five_lost[-1]}",
     ]
+
+
+def _first(text: str) -> float:
+    return float(text.split()[0])
 
 
 def _bundles(found: Findings) -> list[str]:
