@@ -150,7 +150,15 @@ ADVICE = "not encrypted; expected mqtts:// with --identity, or --insecure"
             "activator --fog 1 --cloud mqtt://[::1] --fog-broker mqtt://[::1] --fog-root ''",
             "fog root '': expected another root than the cloud side's",
         ),
-        ("activator --fog 1 --cloud mqtt://127.0.0.1", f"--listen mqtt://0.0.0.0:1883: {ADVICE}"),
+        (
+            "activator --fog 1 --cloud mqtt://127.0.0.1",
+            "mqttxt: --listen 0.0.0.0:1883: open to other machines, and not encrypted; "
+            "expected --identity FOLDER, 127.0.0.1:1883, or --insecure",
+        ),
+        (
+            "uav --drone 1 --broker mqtt://127.0.0.1 --sensors [::]:8884",
+            "--sensors [::]:8884: open to other machines, and not encrypted; expected --identity FOLDER, ",
+        ),
         ("conformance uav --broker mqtt://127.0.0.1:1", "--broker mqtt://127.0.0.1:1: no broker answers"),
         ("conformance uav --broker here", "--broker 'here': expected mqtt://HOST[:PORT]"),
         ("conformance uav --broker mqtt://x --drone 0", "--drone 0: expected a whole number from 1 to 250"),
@@ -178,6 +186,16 @@ ADVICE = "not encrypted; expected mqtts:// with --identity, or --insecure"
         (
             "gs plan upload /nope.plan --drone 1",
             "/nope.plan: No such file or directory; expected a file that can be read",
+        ),
+        (
+            "gs watch --fog acme/1 --fog north/1 --cloud acme=mqtt://127.0.0.1:1",
+            "--cloud acme=mqtt://127.0.0.1:1: expected a value for fleet north too, as north=VALUE",
+        ),
+        ("gs page --fog acme/1 --fog 1", "--fog: expected FLEET/NUMBER of each fog, as acme/1"),
+        ("gs plan start x.plan --drone 1 --item 0", "--item 0: expected a whole number from 1 to 65535"),
+        (
+            "gs homeassistant --fog 1 --broker mqtt://127.0.0.1:1 --cloud mqtt://127.0.0.1:1 --discovery a#",
+            "--discovery topic prefix 'a#': expected",
         ),
         ("gs params load /nope.params --drone 1", "No such file or directory; expected a file that can be read"),
         ("gs params set 'A B' 1 --drone 1", "set_parameter parameter 'A B': expected ASCII letters"),
@@ -240,6 +258,7 @@ def test_no_control_is_taken_for_a_time_that_no_command_can_have(
         ("--journal", "cannot be written: is a folder; expected a file"),
         ("--audit", "cannot be written: Is a directory; expected a file"),
         ("--parameter-ranges", "Is a directory; expected a file that can be read"),
+        ("--mavlink-key", "Is a directory; expected a file that can be read"),
     ],
 )
 def test_a_folder_in_place_of_a_file_is_named_by_its_option(option: str, said: str, tmp_path: Path) -> None:

@@ -41,8 +41,14 @@ def test_a_passphrase_makes_the_key_that_mavproxy_makes_of_it(tmp_path: Path) ->
     ("words", "says"),
     [
         (["--drone", "1"], "expected --install beside them"),
-        (["--install", "serial:/dev/ttyACM0:57600"], "--drone None: expected 1 to"),
-        (["--install", "serial:/dev/ttyACM0:57600", "--drone", "0"], "--drone 0: expected 1 to"),
+        (
+            ["--install", "serial:/dev/ttyACM0:57600"],
+            "--install: expected --drone, the autopilot's MAVLink system id, beside it",
+        ),
+        (
+            ["--install", "serial:/dev/ttyACM0:57600", "--drone", "0"],
+            "--drone 0: expected a whole number from 1 to 250",
+        ),
         (["--install", "udp:0.0.0.0:14550", "--drone", "1"], "the key would cross a network in the clear"),
         (["--install", "tcp:10.0.0.1:5760", "--drone", "1"], "the key would cross a network in the clear"),
         (["--install", "usb", "--drone", "1"], "expected udp:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"),

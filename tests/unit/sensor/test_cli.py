@@ -24,6 +24,8 @@ BROKER = ["--broker", "mqtt://127.0.0.1:1"]
         ([*BROKER, "--rate", "1e9"], "--rate 1e+09: expected readings a second"),
         ([*BROKER, "--samples", "-1"], "--samples -1: expected a whole number from 1"),
         ([*BROKER, "--keep", "0"], "--keep 0: expected a whole number from 1"),
+        ([], "sensor: expected --broker: The broker that readings go to"),
+        ([*BROKER, "--number", "x"], "sensor: --number 'x': expected a whole number"),
         ([*BROKER, "--events", "/proc/x/y"], "--events /proc/x/y: cannot be written: No such file"),
     ],
 )

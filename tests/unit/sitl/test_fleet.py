@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from sitl.cli import app
+from sitl.cli import app, main
 from sitl.errors import SitlError
 from sitl.fleet import load
 
@@ -93,3 +93,22 @@ def test_a_wrong_option_is_one_line_and_exit_code_2(options: list[str], error: s
     assert result.exit_code == 2
     assert error in result.output
     assert result.output.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["fly", "--system", "one"], "Invalid value for '--system': "),
+        (["fly", "--sistem", "1"], "No such option: --sistem"),
+        (["fry"], "No such command 'fry'."),
+    ],
+)
+def test_what_is_no_command_line_is_one_line_too(
+    words: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["sitl", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    line = capsys.readouterr().err
+    assert (ended.value.code, line.count("\n")) == (2, 1)
+    assert line.startswith(f"sitl: {said}")

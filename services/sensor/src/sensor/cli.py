@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from mqttxt.cli.common import IdentityFolder, Insecure, errors_as_lines, run_role, set_up_logging, settings
+from mqttxt.cli.one_line import OneLineCommand
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.transport import Transport
 from mqttxt.errors import ConfigurationError
@@ -26,7 +27,7 @@ app = typer.Typer(
 )
 
 
-@app.command()
+@app.command(name="sensor", cls=OneLineCommand)
 def run(
     broker: Annotated[str, typer.Option(help="The broker that readings go to: mqtt://HOST[:PORT].")],
     number: Annotated[int, typer.Option(help="This sensor's number, S in its topics sensorS/K.")] = 1,

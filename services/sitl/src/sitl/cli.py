@@ -40,6 +40,9 @@ WITNESS = ("127.0.0.1", 14540)
 Drone N's own port is N more, from 14541 on: 14550 would be drone 10's.
 """
 
+_USAGE: Any = typer.BadParameter.__mro__[1]
+"""The base class of typer's usage errors, which typer does not export."""
+
 app = typer.Typer(
     name="sitl",
     help="An autopilot stand-in, like PX4 or ArduPilot's ArduCopter.",
@@ -234,4 +237,11 @@ A simulated {title} multicopter flies on loopback; Ctrl-C ends it.
 
 def main() -> None:
     """Entry point of the `sitl` command."""
-    app()
+    try:
+        sys.exit(app(standalone_mode=False))
+    except typer.Abort:
+        sys.exit(1)
+    except _USAGE as error:
+        if message := " ".join(error.format_message().split()):
+            typer.echo(f"sitl: {message}", err=True)
+        sys.exit(error.exit_code)

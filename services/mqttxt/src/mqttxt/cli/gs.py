@@ -14,7 +14,7 @@ from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
 from ..protocol.names import check_prefix, check_root
 from ..protocol.topics import SELECTABLE
 from .advice import GroundStationCommands, connect, follow, not_there
-from .common import errors_as_lines, run_coroutine, set_up_logging, settings
+from .common import errors_as_lines, named, run_coroutine, set_up_logging, settings
 from .station import IDENTITY, Cloud, FogNumbers, Prefix, StationOptions, of_a_station
 
 if TYPE_CHECKING:
@@ -262,10 +262,12 @@ def homeassistant(
         parsed = BrokerAddress.parse(broker, "--broker")
         if not (parsed.tls or parsed.is_loopback or insecure_broker):
             raise ConfigurationError(f"--broker {parsed}: not encrypted; expected mqtts://, or --insecure-broker")
+        with named("--discovery"):
+            prefix = check_root(discovery).rstrip("/")
         fogs_of = options.fogs_of(fog)
         async with options.joined(fogs_of, settings(1, json), control=False) as station:
             fogs = await connect(station, fogs_of, options.timeout)
-            await HomeAssistant(parsed, Entities(fogs, check_root(discovery).rstrip("/"))).run()
+            await HomeAssistant(parsed, Entities(fogs, prefix)).run()
         return 0
 
     run_coroutine(job())

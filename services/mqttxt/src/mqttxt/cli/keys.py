@@ -247,8 +247,10 @@ def _rights(kind: Node, may: list[May], drones: str) -> Rights:
         if may or drones:
             raise ConfigurationError(f"{kind}: expected --may and --drones for stations alone")
         return Rights()
-    if (May.COMMAND in may) != bool(drones):
-        raise ConfigurationError("--may command: expected --drones beside it, as 1-3,7 or '*'; and without it none")
+    if May.COMMAND in may and not drones:
+        raise ConfigurationError("--may command: expected --drones beside it, as 1-3,7 or '*'")
+    if drones and May.COMMAND not in may:
+        raise ConfigurationError(f"--drones {drones}: expected --may command beside it")
     if not may:
         raise ConfigurationError("station: expected --may command, --may take-over or --may observe")
     for beside in (May.UPLOAD_PLAN, May.SET_PARAMETERS):

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ..errors import ConfigurationError
-from ..protocol.names import MAX_DRONE
+from ..protocol.names import MAX_DRONE, check_number
 from .common import errors_as_lines, run_coroutine, set_up_logging
 
 SHORTEST = 16
@@ -35,8 +35,9 @@ def mavlink(
                 raise ConfigurationError("--drone, --old: expected --install beside them")
             _make(file, passphrase)
             return
-        if drone is None or not 1 <= drone <= MAX_DRONE:
-            raise ConfigurationError(f"--drone {drone}: expected 1 to {MAX_DRONE} beside --install")
+        if drone is None:
+            raise ConfigurationError("--install: expected --drone, the autopilot's MAVLink system id, beside it")
+        check_number("--drone", drone, MAX_DRONE)
         _install(file, passphrase, install, drone, old)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..core.address import BrokerAddress, address_of
+from ..core.address import BrokerAddress, address_of, host_port
 from ..errors import ConfigurationError
 from .common import named
 
@@ -58,7 +58,12 @@ def embedded_broker(
     if identity is None:
         if broker_identity is not None:
             raise ConfigurationError(f"--broker-identity {broker_identity}: expected --identity beside it")
-        transport.check(BrokerAddress(host, port), option)
+        if not (transport.insecure or BrokerAddress(host, port).is_loopback):
+            here = host_port("127.0.0.1", port)
+            raise ConfigurationError(
+                f"{option} {host_port(host, port)}: open to other machines, and not encrypted; "
+                f"expected --identity FOLDER, {here}, or --insecure"
+            )
         return EmbeddedBroker(host, port, option=option, instead=instead)
     name = f"broker-{identity.name}"
     folder = broker_identity or identity.folder.absolute().with_name(name)

@@ -7,7 +7,7 @@ import sys
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 _USAGE: Any = typer.BadParameter.__mro__[1]
 """The base class of typer's usage errors, which typer does not export."""
@@ -17,16 +17,19 @@ _NOT_ONE_OF = re.compile(r" is not one of (.*)")
 _KINDS = {"integer": "a whole number", "boolean": "true or false"}
 
 
-class OneLineErrors(TyperGroup):
-    """The root command; a user's mistake ends it with one line and exit code 2."""
+class _OneLine:
+    """Beside a command's class: a user's mistake ends the root command with one line and exit code 2."""
+
+    name: str | None
 
     def main(self, *args: Any, **how: Any) -> Any:
         """As the base class does."""
+        main: Any = super().main  # type: ignore[misc]
         if not how.get("standalone_mode", True):
-            return super().main(*args, **how)
+            return main(*args, **how)
         how["standalone_mode"] = False
         try:
-            code = super().main(*args, **how)
+            code = main(*args, **how)
         except _USAGE as error:
             if type(error).__name__ == "NoArgsIsHelpError":
                 error.show()
@@ -37,6 +40,14 @@ class OneLineErrors(TyperGroup):
             typer.echo("Aborted!", err=True)
             code = 1
         sys.exit(code)
+
+
+class OneLineErrors(_OneLine, TyperGroup):
+    """The root command of a program with subcommands."""
+
+
+class OneLineCommand(_OneLine, TyperCommand):
+    """The only command of a program."""
 
 
 def _line_of(error: Any) -> str:

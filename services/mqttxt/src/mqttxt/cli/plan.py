@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..errors import ConfigurationError
 from .advice import connect, follow, line_of, told_without_last_word
 from .common import readable_expected, run_coroutine, set_up_logging
 from .station import DroneNumber, FogNumber, Job, StationOptions, of_a_station, with_a_drone
@@ -23,7 +24,7 @@ plan_app = typer.Typer(
 )
 
 File = Annotated[Path, typer.Argument(help="A .plan file of QGroundControl.")]
-Item = Annotated[int, typer.Option(help="The item to begin with, counted from 1.", min=1, max=2**16 - 1)]
+Item = Annotated[int, typer.Option(help="The item to begin with, counted from 1.")]
 
 
 @plan_app.command()
@@ -62,6 +63,8 @@ def download(file: File) -> Job:
 @with_a_drone
 def start(file: File, item: Item = 1) -> Job:
     """Fly the mission of a file, if that is the one that the drone has, and print each word up to its end."""
+    if not 1 <= item < 2**16:
+        raise ConfigurationError(f"--item {item}: expected a whole number from 1 to {2**16 - 1}")
     plan = _loaded(file)
 
     async def job(there: Drone) -> int:

@@ -100,6 +100,10 @@ class StationOptions:
         names = [*fleets]
         if len(names) == 1:
             return self.station(names[0], settings, control)
+        if "" in names:
+            raise ConfigurationError("--fog: expected FLEET/NUMBER of each fog, as acme/1, because they are of several")
+        _check_each("--cloud", self.cloud, names)
+        _check_each("--identity", self.identity or "", names)
         from ..station.fleets import Fleets
 
         name = f"gs-{secrets.token_hex(4)}" if self.identity is None else None
@@ -199,6 +203,14 @@ def _check_cloud(url: str, identity: str | None, insecure: bool) -> None:
         from ..security.identity import Identity
 
         Transport(Identity.load(Path(identity)), insecure).check(address, "--cloud")
+
+
+def _check_each(option: str, text: str, fleets: Collection[str]) -> None:
+    """Raises ConfigurationError for an option's values if one of the fleets has a value of its own and another none."""
+    given = {part.partition("=")[0].removesuffix("/") for part in text.split(",")}
+    missing = [fleet for fleet in fleets if fleet not in given]
+    if missing and len(missing) < len(fleets):
+        raise ConfigurationError(f"{option} {text}: expected a value for fleet {missing[0]} too, as {missing[0]}=VALUE")
 
 
 def _of_fleet(option: str, text: str, fleet: str) -> str:

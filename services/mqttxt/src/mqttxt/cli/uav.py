@@ -42,6 +42,7 @@ from .node_options import (
 
 if TYPE_CHECKING:
     from ..core.transport import Transport
+    from ..drone.mavlink.signing import Signing
     from ..drone.process import UavRunner
     from ..drone.sensors.port import SensorOptions
 
@@ -130,7 +131,6 @@ def uav(
     from ..drone.journal import JournalFile
     from ..drone.logs.files import LogFiles
     from ..drone.mavlink.raw import Limits
-    from ..drone.mavlink.signing import Signing
     from ..drone.options import UavOptions
     from ..drone.parameter_file import ParameterFile
     from ..drone.process import UavRunner
@@ -177,7 +177,7 @@ def uav(
             identity=transport.identity,
             seal=transport.seal(signed, signed_states, signed_readings),
             fog=_own_fog(fog, signed),
-            signing=Signing.load(mavlink_key, journal_file) if mavlink_key is not None else None,
+            signing=_signing(mavlink_key, journal_file) if mavlink_key is not None else None,
             audit=audit_log(audit, audit_required, f"drone{number}", transport),
             parameters=ParameterFile(journal_file.with_name(f"{journal_file.name}.parameters")),
             logs=LogFiles(logs or journal_file.with_name(f"{journal_file.name}.logs"), 1_000_000 * logs_limit_mb),
@@ -193,6 +193,13 @@ def _own_fog(fog: int | None, signed: bool) -> int:
     if signed and fog is None:
         raise ConfigurationError("--signed: expected --fog X, the fog's number, beside it")
     return check_number("--fog", fog) if fog is not None else 0
+
+
+def _signing(key: Path, journal: Path) -> Signing:
+    from ..drone.mavlink import signing
+
+    with named("--mavlink-key"):
+        return signing.Signing.load(key, journal)
 
 
 def _ranges(path: Path) -> dict[str, tuple[float, float]]:

@@ -77,7 +77,7 @@ class Certificate:
         try:
             found = x509.load_pem_x509_certificates(pem)
         except UNREADABLE as error:
-            raise ConfigurationError(f"{what}: not a certificate in PEM ({error})") from error
+            raise ConfigurationError(f"{what}: not a certificate in PEM; expected a certificate") from error
         if len(found) != 1:
             raise ConfigurationError(f"{what}: {len(found)} certificates; expected one")
         return cls.from_der(found[0].public_bytes(Encoding.DER), what)
