@@ -117,6 +117,7 @@ ACTIVATOR_VARIANTS = {
     "activator-loses-a-word": {"loses-no-word-that-waits"},
     "activator-forgets-the-roster": {"loses-no-word-that-waits"},
     "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
+    "activator-asks-all-at-once": {"asks-a-drone-in-turn"},
 }
 STARTED_ACTIVATOR_VARIANTS = {
     "activator-stays-deaf": {"leaves-a-connection-that-delivers-nothing"},

@@ -14,12 +14,17 @@ from mqttxt import Arm, Fog, GroundStation, Takeoff, Word
 from mqttxt.core import mosquitto
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
+from mqttxt.core.effects import Publish, Subscribe
+from mqttxt.core.mqtt import connection
+from mqttxt.core.mqtt.link import MqttLink
+from mqttxt.core.mqtt.properties import MOST_IN_FLIGHT
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import FogPresence
 from mqttxt_conformance.tap import Tap
 from tests.rigs.commanding import follow
 from tests.rigs.container import Container
-from tests.rigs.processes import Broker, System, eventually, free_port, wait_until
+from tests.rigs.linked import Heard
+from tests.rigs.processes import Broker, System, as_this_user, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -122,6 +127,48 @@ async def test_an_activator_may_give_each_topic_of_its_drones_an_alias(tmp_path:
         assert tap.connack.TopicAliasMaximum == 4096
         await tap.close()
     finally:
+        broker.kill()
+
+
+async def test_a_broker_that_dropped_acknowledgements_carries_commands_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mosquitto drops each packet for a client that 1,000 wait for, as behind an activator that stood still."""
+    monkeypatch.setattr(connection, "_MISC_S", 0.05)
+    broker = Broker(tmp_path, "fog")
+    broker.configuration.write_text(as_this_user() + mosquitto.configuration("127.0.0.1", broker.port))
+    broker.start()
+    loop, activator, drones = asyncio.get_running_loop(), Heard(), Heard()
+    made = {
+        name: MqttLink("fog", BrokerAddress.parse(broker.url), name, None, heard)
+        for name, heard in (("activator", activator), ("drones", drones))
+    }
+    running = [asyncio.create_task(link.run()) for link in made.values()]
+    try:
+        await eventually(lambda: (activator.connections, drones.connections) == (1, 1), "connected")
+        made["activator"].subscribe(Subscribe("fog", ("+/states",)))
+        await eventually(lambda: activator.subscribes != [], "subscribed")
+        behind = made["activator"]._connection
+        assert isinstance(behind, connection.Connection)
+        sock = behind._socket
+        assert sock is not None
+        loop.remove_reader(sock)
+        made["drones"].subscribe(Subscribe("fog", ("+/init_connect", "+/commands")))
+        for _ in range(4000):
+            made["drones"].publish(Publish("fog", "drone1/states", bytes(2000)))
+        await eventually(lambda: "are being dropped for client activator" in broker.said(), "more than it keeps")
+        for drone in range(1, 251):
+            made["activator"].publish(Publish("fog", f"drone{drone}/init_connect", b"lease", qos=1))
+        await eventually(lambda: len(drones.messages) == MOST_IN_FLIGHT, "leases")
+        loop.add_reader(sock, behind._incoming.readable)
+        await eventually(lambda: activator.connections == 2, "connected anew")
+        made["activator"].publish(Publish("fog", "drone1/commands", b"hold", qos=1, ref="hold"))
+        await eventually(lambda: activator.acknowledged == [("hold", 0)], "acknowledged")
+        await eventually(lambda: drones.messages[-1].payload == b"hold", "the command")
+    finally:
+        for task in running:
+            task.cancel()
+        await asyncio.wait(running)
         broker.kill()
 
 

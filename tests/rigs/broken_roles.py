@@ -340,6 +340,11 @@ def activator_names_no_holder(original: Any, self: Any, link: Any, lease: Any) -
     return original(self, link, replace(lease, holder=None))
 
 
+@variant(RelayWords, "may_ask")
+def activator_asks_all_at_once(original: Any, self: Any, *arguments: Any) -> bool:
+    return True
+
+
 @variant(RelayWords, "_publish")
 def activator_signs_drones_words(
     original: Any, self: Any, drone: Any, name: Any, result: Any, signed: Any = None

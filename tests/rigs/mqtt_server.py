@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Self
 
 SILENCE = -1
-CONNECT, PUBLISH, PUBACK, SUBSCRIBE, DISCONNECT = 1, 3, 4, 8, 14
+CONNECT, PUBLISH, PUBACK, SUBSCRIBE, PINGREQ, DISCONNECT = 1, 3, 4, 8, 12, 14
 _DATA_SEGMENTS_IN = 152
 """Where tcpi_data_segs_in is in struct tcp_info (linux/tcp.h)."""
 
@@ -157,6 +157,9 @@ class Server:
     ) -> None:
         self._wanted_port = port
         self._granted = iter(granted)
+        self.answers = asyncio.Event()
+        """Whether each CONNECT gets its CONNACK."""
+        self.answers.set()
         self.sessions: list[Session] = []
         self._connack = b"\0" + bytes([code]) + variable_length(len(connack)) + connack
         self._acknowledges = acknowledges
@@ -191,6 +194,7 @@ class Server:
         self._tasks.append(task)
         session = self.make_session(reader, writer)
         await session.read()
+        await self.answers.wait()
         session.send(b"\x20" + variable_length(len(self._connack)) + self._connack)
         self.sessions.append(session)
         await session.serve()

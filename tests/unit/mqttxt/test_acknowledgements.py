@@ -48,6 +48,27 @@ def test_a_return_that_is_refused_after_it_was_accepted_has_failed(result: int, 
     assert said(out) == [(1, Word.FAILED, reason)]
 
 
+def of_a_camera(number: int, result: int) -> Any:
+    """What another component of the same system says about a command that was not for it."""
+    return from_autopilot(mavlink.MAVLink_command_ack_message(number, result, 0, 0, 1, 191), component=100)
+
+
+def test_another_components_refusal_is_not_the_autopilots_second_answer() -> None:
+    bench = returning()
+    assert bench.hear(of_a_camera(MODE, UNSUPPORTED)) == []
+    assert said(bench.refuse(ack(MODE, REJECTED))) == [REJECTED_WORD]
+
+
+def test_another_components_answers_do_not_free_a_number_that_rests() -> None:
+    bench = flying()
+    there = Goto(47.4, 8.55, 10.0)
+    bench.start(1, there)
+    bench.until(2600)
+    assert written(bench.start(2, there)) == []
+    assert bench.hear(*[of_a_camera(REPOSITION, ACCEPTED)] * 4) == []
+    assert written(bench.until(3000)) == []
+
+
 def test_a_second_acceptance_says_nothing_new() -> None:
     bench = returning()
     assert bench.hear(ack(MODE)) == []

@@ -147,6 +147,34 @@ def test_a_second_live_session_is_refused_and_the_first_stays_bound() -> None:
     assert (answer.drone_session, answer.bound) == (77, False)
 
 
+def old_nonce(bench: ActivatorBench) -> int:
+    """The nonce of a lease that the drone has not echoed, a second later."""
+    leases = of(bench.until(bench.now_ms + 10_100), "drone1/init_connect")
+    bench.now_ms += 1000
+    return decode(DroneLease, leases[-1].payload).nonce
+
+
+def test_an_answer_to_an_earlier_lease_does_not_show_that_the_first_session_is_there() -> None:
+    """It may have stood in a connection (R9.5)."""
+    bench = ready()
+    nonce = old_nonce(bench)
+    bench.fog("drone1/reachable", Presence(session=77, up=True))
+    assert of(bench.echo(nonce), "drone1/init_connect") == []
+    assert bench.until(bench.now_ms + 1600)
+    assert bench.role.drones.links[1].session == 77
+
+
+@pytest.mark.parametrize("is_old", [True, False])
+def test_a_will_of_several_is_the_end_unless_a_lease_behind_it_is_answered(is_old: bool) -> None:
+    bench = ready()
+    nonce = old_nonce(bench)
+    will = Presence(session=UAV_SESSION, up=False, several=True)
+    (asked,) = of(bench.fog("drone1/reachable", will), "drone1/init_connect")
+    bench.echo(nonce if is_old else decode(DroneLease, asked.payload).nonce)
+    bench.until(bench.now_ms + 1600)
+    assert bench.role.drones.links[1].announced is not is_old
+
+
 def test_a_first_session_that_does_not_answer_is_replaced() -> None:
     bench = ready()
     bench.fog("drone1/reachable", Presence(session=77, up=True))

@@ -24,6 +24,7 @@ from mqttxt.protocol.commands import (
     Mavlink,
     Offboard,
     Return,
+    SetParameter,
     Takeoff,
     Velocity,
 )
@@ -266,3 +267,13 @@ def test_what_runs_in_guided_does_not_stand_in_the_way_of_set_points() -> None:
 
 def modes(outputs: list[Any]) -> list[Any]:
     return [o.message for o in outputs if isinstance(o, Transmit) and getattr(o.message, "command", 0) == SET_MODE]
+
+
+def test_a_documented_range_holds_for_any_case_of_a_name() -> None:
+    """ArduPilot finds a parameter by its name in any case, and answers with the name that it was asked for."""
+    bench = Bench(heartbeat(), home(), position(), landed(1))
+    bench.executor = Executor(bench.vehicle, Limits(ranges={"RTL_ALT": (30.0, 300_000.0)}))
+    bench.start(1, SetParameter("rtl_alt", 1e6))
+    value = mavlink.MAVLink_param_value_message(b"rtl_alt", 1500.0, mavlink.MAV_PARAM_TYPE_INT32, 1, 0)
+    out = bench.hear(from_autopilot(value))
+    assert said(out) == [(1, Word.DENIED, "out_of_range, 30 to 300000")]

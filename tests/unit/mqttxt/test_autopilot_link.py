@@ -156,6 +156,49 @@ async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_tur
         assert held == [["HEARTBEAT"] * 100 + ["COMMAND_ACK"]]
 
 
+class Flood(transports.Transport):
+    """A transport on which there is always a message, each of which costs the reader `cost_s`."""
+
+    def __init__(self, cost_s: float) -> None:
+        super().__init__(None)
+        self._cost_s, self._spent_s = cost_s, 0.0
+
+    def time(self) -> float:
+        return self._spent_s
+
+    def read(self, now_s: float) -> transports.Read | None:
+        self._spent_s += self._cost_s
+        return transports.Read([heartbeat()])
+
+
+@pytest.mark.parametrize(("cost_s", "read"), [(0.0, link._READS_AT_ONCE), (0.1, 6)])
+async def test_a_flood_is_read_in_turns_that_leave_time_for_ticks(
+    monkeypatch: pytest.MonkeyPatch, cost_s: float, read: int
+) -> None:
+    loop = asyncio.get_running_loop()
+    flood = Flood(cost_s)
+    flooded = AutopilotLink(AutopilotAddress("udp", "127.0.0.1", 1), 1, lambda: None, lambda _: None)
+    flooded._transport = flood
+    monkeypatch.setattr(loop, "time", flood.time)
+    found = len(list(flooded.messages()))
+    monkeypatch.undo()
+    assert found == read
+
+
+async def test_what_is_dropped_unread_keeps_the_peer(bench: LinkBench) -> None:
+    """While the process stood still, the peer's heartbeats became old, and a stranger's may be the first to be read."""
+    autopilot, stranger = bench.socket(), bench.socket()
+    await bench.say(autopilot, HEARTBEAT)
+    transport = bench.link._transport
+    assert isinstance(transport, transports.Udp)
+    transport._peer_heard_s -= 60
+    stranger.send(HEARTBEAT)
+    autopilot.send(HEARTBEAT)
+    bench.link.discard()
+    await bench.say(stranger, HEARTBEAT)
+    assert reached(bench) == [True, False]
+
+
 def test_a_device_that_takes_nothing_holds_nobody_up(pty: tuple[int, int], device: str) -> None:
     theirs, ours = pty
     tty.setraw(ours)

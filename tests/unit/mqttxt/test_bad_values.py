@@ -9,8 +9,9 @@ import pytest
 
 from mqttxt.activator.leases import MAX_EPOCH, Leases
 from mqttxt.errors import ConfigurationError, MqttxtError, PayloadError
-from mqttxt.protocol.commands import Attitude, Goto, Offboard, Takeoff, Velocity
+from mqttxt.protocol.commands import Attitude, Goto, Offboard, SetParameter, Takeoff, Velocity
 from mqttxt.protocol.control import Control, Registration
+from mqttxt.protocol.values import Encoding
 from mqttxt.station.commands import ttl_ms_of
 from tests.simulation.world import World
 
@@ -39,6 +40,17 @@ def test_a_command_that_cannot_be_is_not_sent_and_its_field_is_named(command: An
     sent = len(world.sent)
     with pytest.raises(PayloadError, match=rf"^{field}: expected a number from .* to .*, got "):
         world.send(command)
+    assert len(world.sent) == sent
+
+
+@pytest.mark.parametrize("encoding", Encoding)
+@pytest.mark.parametrize("name", ["MPC_Z_VEL_MAX_UPX", "", "MPC Z", "\u00fc", None])
+def test_a_parameter_whose_name_cannot_be_is_not_sent_as_another_one(name: Any, encoding: Encoding) -> None:
+    """Cut to 16 characters, MPC_Z_VEL_MAX_UPX would set MPC_Z_VEL_MAX_UP."""
+    world = World(encoding=encoding).start()
+    sent = len(world.sent)
+    with pytest.raises(PayloadError, match=r"^parameter: expected "):
+        world.send(SetParameter(name, 3.0))
     assert len(world.sent) == sent
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mqttxt.core.clock import SessionClock
-from mqttxt.errors import ConfigurationError, FogUnreachable
+from mqttxt.errors import BrokerRefused, ConfigurationError, FogUnreachable
 from mqttxt.protocol.commands import Goto
 from mqttxt.protocol.messages import CommandId, Word
 from mqttxt.protocol.rankings import Candidate, SelectMode
@@ -171,6 +171,39 @@ async def test_among_fleets_each_is_sent_its_own_drone_alone() -> None:
     assert near.reserved == far.reserved == {}
 
 
+@pytest.mark.parametrize("when", [SelectMode.OFFER, SelectMode.COMMIT])
+async def test_a_fleet_that_ends_while_it_is_asked_leaves_the_drones_of_the_others(when: SelectMode) -> None:
+    ending, other = Ending({1: {1: 10.0}}, {}, when), Station({1: {4: 20.0}}, {4: FLIES})
+    heard = await choose(ending, other, ttl_s=0.4)
+    assert (ending.sent, other.sent) == ([], [4])
+    assert heard[-1].completed
+    assert other.reserved == {}
+
+
+async def test_where_the_only_fleet_ends_the_choice_ends_with_its_error() -> None:
+    for when in (SelectMode.OFFER, SelectMode.COMMIT):
+        with pytest.raises(BrokerRefused):
+            await choose(Ending(FLEET, {}, when))
+
+
+class Ending(Station):
+    """A station that its broker ends at one of its steps."""
+
+    def __init__(self, fogs: dict[int, dict[int, float]], words: dict[int, list[Word]], when: SelectMode) -> None:
+        super().__init__(fogs, words)
+        self.when = when
+
+    def select(self, fog: int, command: Any, mode: SelectMode, *how: Any, **more: Any) -> SentCommand[Any, Any]:
+        error = BrokerRefused("cloud: refused")
+        if mode is not self.when:
+            return super().select(fog, command, mode, *how, **more)
+        if mode is SelectMode.COMMIT:
+            raise error
+        record = Record[Any]()
+        record.end(error)
+        return SentCommand(record, last_word)
+
+
 async def test_a_hold_in_any_fleet_of_a_choice_ends_it() -> None:
     near = Station({1: {1: 10.0}}, {1: [Word.DENIED]})
     far = Station({1: {1: 20.0}}, {1: FLIES})
@@ -178,13 +211,6 @@ async def test_a_hold_in_any_fleet_of_a_choice_ends_it() -> None:
     heard = await choose(far, near)
     assert (near.sent, far.sent, heard[-1].reason) == ([1], [], "cancelled")
     assert near.reserved == far.reserved == {}
-
-
-async def test_past_the_time_to_start_nobody_else_is_sent() -> None:
-    station = Station(FLEET, {1: [Word.DENIED], 4: FLIES})
-    heard = await choose(station, ttl_s=0.000_001)
-    assert station.sent == [1]
-    assert (heard[-1].word, heard[-1].reason) == (Word.DENIED, "expired")
 
 
 async def test_when_all_refuse_that_is_the_end() -> None:
@@ -223,21 +249,43 @@ async def test_while_nothing_is_reserved_a_late_offer_is_waited_for() -> None:
 
 
 class Suspended(Station):
-    """A station whose machine sleeps for a minute behind each commit: the event loop's clock does not count that."""
+    """A station whose machine sleeps for a minute at one of its messages: the event loop's clock does not count that.
 
-    def __init__(self, fogs: dict[int, dict[int, float]], words: dict[int, list[Word]]) -> None:
+    `at` is the number of the message, from 1 on.
+    """
+
+    def __init__(self, fogs: dict[int, dict[int, float]], words: dict[int, list[Word]], at: int) -> None:
         super().__init__(fogs, words)
         self.slept_ns = 0
         self.clock = SessionClock(lambda: self.slept_ns)
+        self.at = at
 
     def select(self, fog: int, command: Any, mode: SelectMode, *how: Any, **more: Any) -> SentCommand[Any, Any]:
-        if mode is SelectMode.COMMIT:
+        if self._seq + 1 == self.at:
             self.slept_ns += 60_000_000_000
         return super().select(fog, command, mode, *how, **more)
 
 
+@pytest.mark.parametrize("offer", [1, 2])
+async def test_who_is_offered_after_the_machine_slept_is_not_sent(offer: int) -> None:
+    """R7.7: it would start a minute after its caller wanted it, and `ttl_s` was 5 s."""
+    station = Suspended(FLEET, {1: FLIES, 4: FLIES}, at=offer)
+    heard = await choose(station)
+    assert station.sent == []
+    assert (heard[-1].drone, heard[-1].word, heard[-1].reason) == (None, Word.DENIED, "expired")
+    assert station.reserved == {}
+
+
+async def test_while_the_next_offer_is_waited_for_the_machine_may_sleep_too() -> None:
+    station = Suspended(FLEET, {1: [Word.DENIED], 4: FLIES}, at=4)
+    heard = await choose(station)
+    assert station.sent == [1]
+    assert (heard[-1].word, heard[-1].reason) == (Word.DENIED, "expired")
+    assert station.reserved == {}
+
+
 async def test_the_time_to_start_goes_on_while_the_machine_sleeps() -> None:
-    station = Suspended(FLEET, {1: [Word.DENIED], 4: FLIES})
+    station = Suspended(FLEET, {1: [Word.DENIED], 4: FLIES}, at=3)
     heard = await choose(station)
     assert station.sent == [1]
     assert (heard[-1].word, heard[-1].reason) == (Word.DENIED, "expired")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from mqttxt.activator.bulk_relay import MOST_UNANSWERED
+from mqttxt.activator.unanswered import MOST_UNANSWERED
 from mqttxt.core.effects import Inbound, Publish
 from mqttxt.drone.bulk import KEPT_MS, MOST_STAGED, BulkStore
 from mqttxt.errors import ConfigurationError
@@ -271,6 +271,11 @@ def test_a_flood_ends_at_the_activator() -> None:
         message = Inbound("fog1/drone1/bulk", encode(replace(put(SOME, 0), gs_session=world.gs.session)))
         world.run("activator", world.activator.on_message("cloud", message, world.now_ms))
     assert len(asks_sent(world, "activator")) == MOST_UNANSWERED
+    answer = BulkAnswer(gs_session=world.gs.session, kind=PLAN, nonce=1, answer=Have(bytes(16), 1, ()))
+    world.run("activator", world.activator.on_message("fog", Inbound("drone1/bulk_answer", encode(answer)), 0))
+    for _ in range(100):
+        world.run("activator", world.activator.on_message("cloud", message, world.now_ms))
+    assert len(asks_sent(world, "activator")) == MOST_UNANSWERED + 1, "one answer makes room for one more"
 
 
 def test_an_answer_to_another_station_or_to_an_earlier_question_is_not_taken() -> None:

@@ -218,6 +218,21 @@ async def test_a_first_start_waits_for_room_for_a_process_and_for_nothing_else(
         await Lives(tmp_path).run(until=2)
 
 
+async def test_a_broker_that_hangs_does_not_hold_up_the_end_of_its_role(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(broker_module, "ENDING_S", 0.1)
+    told = tmp_path / "pid"
+    program = made(tmp_path, f"#!/bin/sh\ntrap '' TERM\necho $$ > {told}\nwhile true; do sleep 0.05; done\n")
+    running = asyncio.create_task(EmbeddedBroker("127.0.0.1", 18830, program=str(program)).run())
+    await eventually(lambda: told.exists() and told.read_text() != "", "it hangs")
+    running.cancel()
+    _, goes_on = await asyncio.wait({running}, timeout=20)
+    is_there = runs(int(told.read_text()))
+    os.kill(int(told.read_text()), signal.SIGKILL) if is_there else None
+    assert (goes_on, is_there) == (set(), False)
+
+
 @pytest.mark.parametrize("fault", [errno.EADDRINUSE, errno.EADDRNOTAVAIL])
 async def test_a_broker_that_waits_starts_once_its_address_is_there_and_free(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, fault: int

@@ -171,6 +171,31 @@ async def test_leaving_releases_what_a_choice_has_reserved_in_every_fleet() -> N
         two.fleets.drone("acme/1").hold()
 
 
+@pytest.mark.parametrize("after", range(5))
+@pytest.mark.parametrize("chooses", [False, True])
+async def test_fleets_that_are_left_end_also_where_leaving_is_cancelled(after: int, chooses: bool) -> None:
+    """Their stations would keep their leases, and with these the control of drones, for good."""
+    two = TwoFleets()
+
+    async def use() -> None:
+        async with two.fleets:
+            if chooses:
+                two.fleets.best(NEAR)
+            await asyncio.Event().wait()
+
+    using = asyncio.create_task(use())
+    await turns()
+    using.cancel()
+    await turns(after)
+    using.cancel()
+    await asyncio.wait({using})
+    await turns(20)
+    for field in (two.acme, two.north):
+        with pytest.raises(StationEnded):
+            field.runner.check()
+        assert decode(Registration, field.published[-2].payload).lease_s == 0
+
+
 async def test_a_fleet_whose_broker_refuses_it_leaves_the_other_one_flying(caplog: pytest.LogCaptureFixture) -> None:
     two = TwoFleets()
     events = two.fleets.events()

@@ -20,11 +20,14 @@ from mqttxt.drone.role import UavClient
 from mqttxt.drone.sensors.carrier import SENSOR_AT_ONCE, Carrier
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Goto, Hold, Land, Return
+from mqttxt.protocol.control import Registration
 from mqttxt.protocol.messages import CommandId, Presence, ResultMessage, Word
-from mqttxt.protocol.readings import ReadingMessage
+from mqttxt.protocol.readings import ReadingAck, ReadingMessage
 from mqttxt.protocol.topics import FogSide
 from mqttxt.security.seal import Seal
+from tests.simulation.carrying import reading
 from tests.simulation.fogs import ActivatorBench, of, words
+from tests.simulation.signing import seal
 from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, ack, command_payload, heartbeat, ready
 
 ONE, TWO = CommandId(1, 1), CommandId(1, 2)
@@ -62,6 +65,28 @@ def test_an_id_is_answered_once_a_second_with_the_bytes_of_before(
         heard += answers([*role.on_message(link, again, world.now_ms), *commands.tick(world.now_ms)])
     assert {answer.payload for answer in heard} == {said.payload}
     assert len(heard) in (3, 4)
+
+
+def test_repetitions_of_what_concerns_many_drones_are_answered_in_a_stations_share() -> None:
+    """A few of them each second would have the fog say more words than its link takes, and words of others wait."""
+    bench = ActivatorBench(drones=tuple(range(1, 101)))
+    bench.register(name="eve", session=EVE, lease_s=3600, drones=(1,))
+    deadline_ms = bench.now_ms + 5000
+
+    def ask(seq: int) -> list[Publish]:
+        return answers(bench.command(to="commands", gs_session=EVE, seq=seq, deadline_ms=deadline_ms))
+
+    first = {(publish.topic, publish.payload) for seq in range(40) for publish in ask(seq)}
+    assert len(first) == 40 * 101
+    again = [publish for seq in range(40) for publish in ask(seq)]
+    assert STATION_AT_ONCE <= len(again) < STATION_AT_ONCE + 101
+    bench.command(seq=1)
+    assert len(words(bench.command(seq=1))) == 1, "another station has a share of its own"
+    for _ in range(10):
+        said = answers(bench.until(bench.now_ms + 1000))
+        assert len(said) < STATION_PER_S + 2 * 101
+        again += said
+    assert {(publish.topic, publish.payload) for publish in again} == first
 
 
 def test_what_came_within_the_second_is_answered_when_it_is_over() -> None:
@@ -156,6 +181,29 @@ def test_who_registers_again_and_again_makes_its_fog_speak_once_a_second() -> No
     assert states <= 2 + 200 * 120 // 1000
 
 
+def test_however_many_stations_register_a_drone_is_asked_for_a_beacon_once_a_second() -> None:
+    """All do at once where their fog was away, and a lease for each would be in front of a hold."""
+    world = World(signed=True).start(3000)
+    leases = 0
+    for number in range(10):
+        registration = Registration(
+            name=f"h{number}",
+            session=EVE + number,
+            nonce=number,
+            lease_s=30,
+            until_ms=world.now_ms + 30_000,
+            activator_session=FOG_SESSION,
+            counter=1,
+        )
+        signed = seal(f"gs-h{number}").sign("fog1/init_connect", encode(registration), with_certificate=True)
+        out = world.hears("activator", "fog1/init_connect", signed.encode())
+        assert of(out, "fog1/clock")
+        leases += len(of(out, "drone1/init_connect"))
+    assert leases == 1
+    world.now_ms += 1000
+    assert len(of(list(world.activator.tick(world.now_ms)), "drone1/init_connect")) == 1, "for those that came later"
+
+
 def test_births_are_not_even_verified_beyond_their_share(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World(signed=True).start()
     birth = next(sent for name, sent in world.sent if name == "gs" and sent.topic == "gs/g/reachable")
@@ -176,6 +224,17 @@ def test_a_drone_that_floods_is_given_a_share_and_the_others_are_heard() -> None
         ResultMessage(gs_session=GS_SESSION, seq=1, session=UAV_SESSION + 2, stamp=0, word=Word.COMPLETED),
     )
     assert words(said, 2) == [(Word.COMPLETED, None)]
+    assert words(bench.result(Word.ACCEPTED, gs_session=EVE, seq=1)) == [(Word.ACCEPTED, None)], "nor its own words"
+
+
+def test_what_a_station_says_of_readings_costs_it_no_control() -> None:
+    """A fleet with many sensors has it say more of them in a second than an activator takes."""
+    world = World(signed=True).start(1000)
+    ack = seal("gs-g").sign("drone1/sensor_ack", encode(ReadingAck(readings=(reading(1).key,)))).encode()
+    heard = [log for _ in range(2 * STATION_AT_ONCE) for log in world.hears("activator", "fog1/drone1/sensor_ack", ack)]
+    assert {effect.kind for effect in heard} == {"flood"}
+    renewal = world.gs.fogs[1].registration(world.now_ms)
+    assert of(world.hears("activator", renewal.topic, renewal.payload), "fog1/clock")
 
 
 def test_a_drone_that_is_born_again_and_again_makes_its_fog_speak_a_share() -> None:
@@ -215,8 +274,6 @@ def test_a_list_is_said_again_once_a_second() -> None:
     lists = []
     for _ in range(200):
         bench.now_ms += 10
-        lists += of(
-            [*bench.select(goto, deadline_ms=deadline_ms), *bench.role.selector.tick(bench.now_ms)], "fog1/PSMI"
-        )
+        lists += of([*bench.select(goto, deadline_ms=deadline_ms), *bench.role.relay.tick(bench.now_ms)], "fog1/PSMI")
     assert set(lists) == set(first)
     assert len(lists) in (2, 3)

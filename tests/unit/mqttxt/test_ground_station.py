@@ -243,6 +243,29 @@ def test_after_a_reconnection_only_what_was_heard_is_asked_for_behind_a_hold(ben
     assert [one in again for one in (heard, lost, chosen, held)] == [True, False, False, True]
 
 
+def test_a_hold_that_could_not_be_sent_keeps_what_it_was_to_stop_from_being_repeated(bench: StationBench) -> None:
+    """Whoever says hold while the connection is lost would otherwise see the drone leave as soon as it is back."""
+    going, chosen = bench.send(Goto(47.4, 8.5, 20.0), ttl_ms=60_000), select(bench, ttl_ms=60_000)
+    bench.role.on_disconnected("cloud", bench.now_ms)
+    with pytest.raises(FogUnreachable):
+        bench.send(Hold())
+    again = reconnect(bench)
+    assert [one in again for one in (going, chosen)] == [False, False]
+    wanted, chosen = bench.send(Goto(47.4, 8.5, 30.0), ttl_ms=60_000), select(bench, ttl_ms=60_000)
+    again = reconnect(bench)
+    assert [one in again for one in (wanted, chosen)] == [True, True]
+
+
+def test_a_choice_behind_a_hold_that_could_not_be_sent_is_repeated() -> None:
+    bench = StationBench(qos=0)
+    bench.role.on_disconnected("cloud", bench.now_ms)
+    with pytest.raises(FogUnreachable):
+        bench.send(Hold())
+    reconnect(bench)
+    chosen = select(bench)
+    assert chosen in bench.until(bench.now_ms + 3000)
+
+
 def test_failing_everybody_else_the_station_closes_it_as_unconfirmed(bench: StationBench) -> None:
     bench.send(limit_s=1.0)
     told = [o.word for o in bench.until(60_000) if isinstance(o, Outcome)]
@@ -359,6 +382,29 @@ def test_a_choice_that_every_drone_denies_and_no_activator_ends_is_unconfirmed(b
         of_goto(bench, drone, Word.EXPIRED)
     assert told_of(bench.until(60_000)) == [(None, Word.UNCONFIRMED, None)]
     assert not any(pending.is_open for pending in bench.role.commands.pending.values())
+
+
+def test_a_choice_is_over_with_the_word_of_the_drone_that_was_sent_also_where_an_earlier_denial_was_lost(
+    bench: StationBench,
+) -> None:
+    """R7.6: PSMI tries the next drone after a definite no alone, so drone 1 has said one."""
+    select(bench)
+    for drone in (1, 2):
+        psmi(bench, listed=(), chosen=drone)
+    of_goto(bench, 2, Word.ACCEPTED)
+    assert told_of(of_goto(bench, 2, Word.COMPLETED)) == [(2, Word.COMPLETED, None)]
+    assert not bench.role.commands.pending[CommandId(GS_SESSION, 1)].is_open
+
+
+def test_a_choice_whose_drone_is_silent_waits_for_it_whatever_others_say(bench: StationBench) -> None:
+    """R7.8: a restarted activator asks every drone; one that it does not reach says nothing of the one that flies."""
+    select(bench)
+    for drone in (1, 2):
+        psmi(bench, listed=(), chosen=drone)
+    of_goto(bench, 1, Word.UNCONFIRMED)
+    assert bench.role.commands.pending[CommandId(GS_SESSION, 1)].is_open
+    of_goto(bench, 2, Word.COMPLETED)
+    assert not bench.role.commands.pending[CommandId(GS_SESSION, 1)].is_open
 
 
 def test_another_drones_word_does_not_end_a_commit(bench: StationBench) -> None:

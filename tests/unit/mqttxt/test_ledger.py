@@ -77,6 +77,20 @@ def test_a_full_ledger_denies_and_what_it_denied_is_not_executed_when_there_is_r
     assert ledger.examine(CommandId(1, 3), Arm(), 9000, 5001) is Admission.NEW
 
 
+def test_a_denial_of_a_nearer_deadline_does_not_free_what_was_denied_for_longer() -> None:
+    """Else a command could be executed after it was denied."""
+    ledger: Ledger[None] = Ledger(capacity=4, keep_ms=0)
+    later = [CommandId(1, seq) for seq in (3, 4)]
+    first = ledger.enter(ONE, Arm(), None, 0)
+    second = ledger.enter(TWO, Arm(), None, 0)
+    assert ledger.examine(later[0], Arm(), 50_000, 0) is Admission.FULL
+    assert ledger.examine(later[1], Arm(), 5000, 0) is Admission.FULL
+    for entry in (first, second):
+        ledger.close(entry, 0)
+    assert ledger.examine(later[0], Arm(), 50_000, 6000) is Admission.FULL
+    assert ledger.examine(later[0], Arm(), 90_000, 50_001) is Admission.NEW
+
+
 def test_an_id_from_a_journal_matches_any_contents(ledger: Ledger[None]) -> None:
     ledger.close(ledger.enter(ONE, None, None, 0), 0)
     assert ledger.examine(ONE, Disarm(), 5000, 10) is Admission.DUPLICATE

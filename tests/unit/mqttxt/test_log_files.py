@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import zlib
 from pathlib import Path
@@ -24,8 +25,10 @@ from mqttxt.drone.log_work import (
     WriteLog,
 )
 from mqttxt.drone.logs.files import LogFiles
+from mqttxt.drone.logs.port import MOST_LOADS, LogPort
 from mqttxt.protocol.bulk import BulkAsk, Get
 from mqttxt.protocol.plans import hash_of
+from tests.rigs.processes import eventually
 
 A_LOG = FlightLog(1, 2 * BLOCK_BYTES, 5)
 
@@ -105,3 +108,19 @@ def test_what_was_touched_longest_ago_makes_room_and_no_log_takes_more_than_half
     fault = files.carry_out(WriteLog(1, FlightLog(9, 5001, 5), 0, b"x"))
     assert isinstance(fault, LogFault)
     assert fault.reason == "too_long, 5000"
+
+
+async def test_requests_for_bytes_do_not_pile_up_before_a_disk_that_stalls(tmp_path: Path) -> None:
+    files, log = LogFiles(tmp_path), FlightLog(1, 1000, None)
+    done: list[Any] = []
+    port = LogPort(files, done.append)
+    get = Get(0, 1024, hash_of(b""))
+    ask = BulkAsk(gs_session=1, kind=log.kind, nonce=1, ask=get)
+    for _ in range(10 * MOST_LOADS):
+        port.does[LoadLog](LoadLog(ask, get, hash_of(b""), log))
+    port.does[OpenLog](OpenLog(1, log))
+    running = asyncio.create_task(port.run())
+    await eventually(lambda: any(isinstance(one, LogOpened) for one in done), "the reading goes on")
+    running.cancel()
+    await asyncio.wait({running})
+    assert [type(one) for one in done] == [LogLoaded] * MOST_LOADS + [LogOpened]

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import FlightLog
-from mqttxt.drone.mavlink.log_protocol import DATA_BYTES, Listing, Window
+from mqttxt.drone.mavlink.log_protocol import DATA_BYTES, SILENT_ASKS, Listing, Window
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.logs import MOST_LOGS, pack_logs, unpack_logs
 from tests.simulation.world import from_autopilot
@@ -48,6 +48,14 @@ def test_only_the_bytes_that_were_asked_for_count() -> None:
     assert not window.is_whole
     window.on_data(data(3, 270, 90, 4), 0)
     assert window.data == bytes([1] * 90 + [4] * 90 + [3] * 90)
+
+
+def test_a_last_piece_that_comes_again_and_again_is_not_asked_for_without_end() -> None:
+    window = Window(1, FlightLog(3, 1000, None), 0, 270)
+    window.ask(0)
+    asked = [one for _ in range(100) for one in window.on_data(data(3, 180, 90), 0)]
+    assert len(asked) < SILENT_ASKS
+    assert window.error == "no_answer"
 
 
 def test_a_log_that_ends_too_soon_has_changed() -> None:

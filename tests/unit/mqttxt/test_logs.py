@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import random
+import threading
 import zlib
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -345,6 +346,31 @@ def test_an_autopilot_that_is_silent_for_a_while_is_waited_for_and_not_asked(gro
     assert ground.get(log) == ground.kept[1].data
 
 
+def test_without_heartbeats_nothing_is_asked_for_though_the_log_still_comes(ground: Ground) -> None:
+    """It may have been armed since (R18.3)."""
+    log = ground.only(LONG)
+    hear, late = ground.flight._hear, list[Any]()
+
+    def slowly(messages: list[Any]) -> None:
+        late.extend(one for one in messages if one.get_type() == "LOG_DATA")
+        hear([one for one in messages if one.get_type() != "LOG_DATA"])
+
+    def silent() -> bool:
+        if ground.done(log) < 5000:
+            return False
+        ground.flight._hear = slowly  # type: ignore[method-assign]
+        ground.flight.vehicle.muted = {"HEARTBEAT"}
+        ground.flight.fly(4.5)
+        ground.written.clear()
+        assert late
+        hear(late)
+        return True
+
+    ground.station.cut = silent
+    assert ground.get_up_to_a_cut(log) is None
+    assert [one for one in ground.asked() if one.get_type() != "LOG_REQUEST_END"] == []
+
+
 # -- in flight --------------------------------------------------------------------------------------------------------
 
 
@@ -516,3 +542,34 @@ def test_a_thread_that_is_late_writes_into_no_other_file(tmp_path: Path) -> None
     with other.open("wb"), pytest.raises(ConfigurationError):
         part.write(b"late")
     assert other.read_bytes() == b""
+
+
+async def test_a_download_that_is_cancelled_while_its_file_opens_leaves_no_file_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Runner:
+        async def transfer(self, waited: Any, *_: Any) -> None:
+            waited.hash, waited.size = b"h" * 16, 100
+
+    opening, may_go_on, opened = threading.Event(), threading.Event(), list[int]()
+    system = os.open
+
+    def slow(*how: Any) -> int:
+        opening.set()
+        may_go_on.wait(10)
+        opened.append(system(*how))
+        return opened[-1]
+
+    download = LogDownload(Runner(), None, 1, FlightLog(1, 100), tmp_path / "log", 1024, None)  # type: ignore[arg-type]
+    task = asyncio.create_task(download.run(None))
+    monkeypatch.setattr(os, "open", slow)
+    await asyncio.to_thread(opening.wait, 10)
+    task.cancel()
+    await asyncio.sleep(0)
+    may_go_on.set()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    await asyncio.get_running_loop().shutdown_default_executor()
+    assert len(opened) == 1
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(opened[0])

@@ -17,6 +17,7 @@ from tests.simulation.world import ack, heartbeat, home, landed, position
 
 NORTH = Offboard(10.0, velocity=Velocity(2.0, 0.0, -0.5))
 STEP_MS = 50
+IN_PROGRESS = 5
 
 
 def in_offboard() -> Any:
@@ -318,3 +319,46 @@ def test_a_write_that_the_link_did_not_take_is_primed_and_written_again() -> Non
     flight.executor.tick(500)
     assert flight.executor.on_refused(CommandId(1, 1), False, 500) == []
     assert written(flight.fly_until(600)) == [MODE]
+
+
+def test_before_its_acknowledgement_the_end_commands_no_hold_against_a_pilot() -> None:
+    flight = Flight()
+    flight.start(1, NORTH)
+    flight.fly_until(600)
+    flight.hear(heartbeat(armed=True, main=3, sub=0))
+    flight.executor.lease.until_ms = 600
+    out = flight.fly_until(1000)
+    assert (written(out), said(out)) == ([], [(1, Word.FAILED, "lease_lost")])
+
+
+def test_a_process_that_ends_holds_though_the_acknowledgement_has_not_come() -> None:
+    flight = Flight()
+    flight.start(1, NORTH)
+    assert written(flight.fly_until(600)) == [MODE]
+    out = flight.executor.leave(600)
+    assert written(out) == [MODE]
+    assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "cancelled")]
+
+
+def test_offboard_that_no_heartbeat_shows_is_not_completed() -> None:
+    flight = Flight()
+    flight.start(1, Offboard(1.0, velocity=Velocity(2.0, 0.0, 0.0)))
+    flight.fly_until(500)
+    out = flight.hear(ack(MODE), ack(MODE))
+    for _ in range(8):
+        out += flight.fly_until(flight.now_ms + 500) + flight.hear(in_hold())
+    assert said(out) == [(1, Word.ACCEPTED, None), (1, Word.FAILED, "mode_changed")]
+    assert written(out) == []
+
+
+@pytest.mark.parametrize(("lease_ms", "limit_ms", "reason"), [(1000, 60_000, "lease_lost"), (60_000, 1000, "timeout")])
+def test_what_ends_offboard_ends_it_while_the_autopilot_is_still_at_it(
+    lease_ms: int, limit_ms: int, reason: str
+) -> None:
+    flight = Flight()
+    flight.start(1, NORTH, limit_ms=limit_ms)
+    flight.fly_until(600)
+    assert said(flight.hear(ack(MODE, IN_PROGRESS, 50))) == [(1, Word.IN_PROGRESS, None)]
+    flight.executor.lease.until_ms = lease_ms
+    assert MODE in written(flight.fly_until(1600))
+    assert said(flight.hear(ack(MODE), in_hold())) == [(1, Word.FAILED, reason)]

@@ -224,6 +224,20 @@ def test_an_item_is_not_set_again_after_the_process_stood_still() -> None:
     assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]
 
 
+def test_an_item_that_would_be_set_too_late_is_expired() -> None:
+    bench = Unheard(PX4_MISSION, 0)
+    bench.answered(bench.start(1, SetCurrentItem(HASH, 3)))
+    assert said(bench.executor.on_refused(CommandId(1, 1), True, bench.now_ms)) == [(1, Word.EXPIRED, None)]
+
+
+def test_an_item_that_does_not_show_within_the_limit_leaves_no_partial_plan() -> None:
+    bench = Unheard(PX4_MISSION, 0)
+    out = bench.answered(bench.start(1, SetCurrentItem(HASH, 3), limit_ms=2000))
+    for one in transmitted(out):
+        bench.executor.on_transmitted(one.ref, bench.now_ms)
+    assert said(bench.until(2500)) == [(1, Word.FAILED, "timeout")]
+
+
 @pytest.mark.parametrize("is_written", [False, True])
 def test_no_parameter_is_set_after_the_process_stood_still(is_written: bool) -> None:
     bench = Bench()

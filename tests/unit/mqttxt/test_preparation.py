@@ -20,9 +20,20 @@ CLIMB = Takeoff(10.0)
 PREPARED: list[tuple[Command, int, bool, int]] = [(CLIMB, LOITER, True, TAKEOFF), (Arm(), LAND, False, ARM)]
 
 
+class Grounded(Bench):
+    """An autopilot that goes on saying that it is on the ground."""
+
+    def until(self, now_ms: int, step_ms: int = 100) -> list[Any]:
+        out: list[Any] = []
+        while self.now_ms < now_ms:
+            self.vehicle.update(landed(GROUND), self.now_ms)
+            out += super().until(self.now_ms + step_ms, step_ms)
+        return out
+
+
 def prepared(command: Command, mode: int, armed: bool) -> Bench:
     """A drone on the ground whose mode is changed before a command."""
-    bench = Bench(heartbeat(mode, armed), home(), position(), landed(GROUND))
+    bench = Grounded(heartbeat(mode, armed), home(), position(), landed(GROUND))
     assert written(bench.start(1, command)) == [MODE]
     return bench
 
@@ -123,6 +134,16 @@ def test_in_the_air_no_mode_is_changed_for_a_takeoff_that_would_be_refused(mode:
     assert (written(out), said(out)) == ([], [(1, Word.DENIED, "in_air")])
 
 
+@pytest.mark.parametrize(("mode", "wrote", "word"), [(LOITER, [], "landed_state_unknown"), (GUIDED, [TAKEOFF], None)])
+def test_no_mode_is_changed_for_a_takeoff_of_a_drone_that_may_be_in_the_air(
+    mode: int, wrote: list[int], word: str | None
+) -> None:
+    """A UAV client that was started in mid-flight has no landed state yet."""
+    out = Bench(heartbeat(mode, armed=True), home(), position(10.0)).start(1, CLIMB)
+    assert written(out) == wrote
+    assert said(out) == ([] if word is None else [(1, Word.DENIED, word)])
+
+
 @pytest.mark.parametrize("shown", [px4_heartbeat(main=4, sub=2), heartbeat(LAND, armed=False)])
 @pytest.mark.parametrize(("command", "number"), [(Land(), LANDING), (Return(), MODE)])
 def test_an_older_arms_mode_does_not_undo_that_of_a_newer_command(command: Command, number: int, shown: Any) -> None:
@@ -159,3 +180,31 @@ def test_px4s_second_answer_refuses_the_mode() -> None:
         asked = bench.until(bench.now_ms + 100)
         out += asked + (bench.hear(ack(MODE), ack(MODE, REFUSED)) if written(asked) else [])
     assert said(out) == [(1, Word.DENIED, "wrong_mode")]
+
+
+@pytest.mark.parametrize(("command", "mode", "armed", "number"), PREPARED)
+def test_after_the_process_stood_still_a_mode_is_not_commanded_again(
+    command: Command, mode: int, armed: bool, number: int
+) -> None:
+    """Its acknowledgement may have been dropped with what waited, and a pilot may have changed it back (R5.15)."""
+    bench = prepared(command, mode, armed)
+    bench.executor.stood_still()
+    out = later(bench, 100, heartbeat(mode, armed)) + bench.until(4000)
+    assert (written(out), said(out)) == ([], [(1, Word.FAILED, "wrong_mode")])
+
+
+@pytest.mark.parametrize(("command", "mode", "armed", "number"), PREPARED)
+def test_after_the_process_stood_still_a_command_goes_on_in_its_mode(
+    command: Command, mode: int, armed: bool, number: int
+) -> None:
+    bench = prepared(command, mode, armed)
+    bench.executor.stood_still()
+    bench.until(bench.now_ms + 3000)  # the number rests
+    assert written(later(bench, 100, heartbeat(GUIDED, armed))) == [number]
+
+
+def test_after_the_process_stood_still_a_mode_that_was_refused_is_commanded_again() -> None:
+    bench = prepared(CLIMB, LOITER, armed=True)
+    bench.hear(ack(MODE, REFUSED))
+    bench.executor.stood_still()
+    assert written(later(bench, 600, heartbeat(LOITER, armed=True))) == [MODE]

@@ -195,6 +195,42 @@ def test_a_first_activator_does_not_make_room_for_a_second_one_that_answers() ->
         assert len(of(bench.until(bench.now_ms + 4000), "fog1/reachable")) == 1
 
 
+@pytest.mark.parametrize(
+    ("session", "asks", "stops"),
+    [(FOG_SESSION - 1, True, False), (FOG_SESSION + 1, True, True), (FOG_SESSION - 1, False, True)],
+)
+def test_of_two_that_both_go_on_one_stops(session: int, asks: bool, stops: bool) -> None:
+    """They were started at one moment, so that neither finds itself the younger one; or the other is not new."""
+    bench = ActivatorBench()
+    out = bench.cloud("reachable", FogPresence(session=session, up=True))
+    for subscribe in [effect for effect in out if isinstance(effect, Subscribe)]:
+        out += bench.role.on_subscribed(subscribe, bench.now_ms)
+    if asks:
+        bench.cloud("init_connect", Registration(name="activator", session=session, nonce=2, lease_s=0))
+    for is_last in (False, True):
+        (question,) = of(out, "fog1/init_connect")
+        nonce = decode(Registration, question.payload).nonce
+        own = BeaconMessage(session=session, now_ms=bench.now_ms - 1, nonce=nonce, held_ms=0)
+        heard = bench.cloud("clock", own)
+        assert any(isinstance(effect, Stop) for effect in heard) == (is_last and stops)
+        out = bench.until(bench.now_ms + 3000)
+    assert of(out, "fog1/init_connect") == []
+
+
+def test_who_comes_back_to_a_broker_that_does_not_show_its_successor_stops() -> None:
+    world = World(shows="nothing").start(4000)
+    world.subscribed = [entry for entry in world.subscribed if entry[:2] != ("activator", CLOUD)]
+    world.run("activator", world.activator.on_disconnected(CLOUD, world.now_ms))
+    second_activator(world)
+    world.pass_time(4000)
+    world.run("activator", world.activator.on_connected(CLOUD, world.now_ms))
+    assert world.activator.born
+    assert world.second.born  # type: ignore[attr-defined]
+    world.pass_time(1000)
+    world.run("second", world.second.tick(world.now_ms))  # type: ignore[attr-defined]
+    assert {stop.reason for stop in world.stops} == {"refused: another live activator is fog 1 already"}
+
+
 def test_an_old_birth_of_a_session_that_does_not_answer_changes_nothing() -> None:
     bench = ActivatorBench()
     out = bench.cloud("reachable", FogPresence(session=99, up=True))

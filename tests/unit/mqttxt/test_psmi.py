@@ -405,6 +405,19 @@ def test_a_choice_of_an_earlier_session_is_not_denied_where_the_broker_shows_no_
     assert of(effects, "fog1/commands_result/goto") == []
 
 
+def test_its_own_records_do_not_say_to_whom_an_earlier_session_spoke(bench: ActivatorBench) -> None:
+    """After a reconnection the broker shows what this session has published, and nothing of the one before."""
+    bench.role.on_disconnected("cloud", bench.now_ms)
+    for subscribe in bench.role.on_connected("cloud", bench.now_ms):
+        bench.role.on_subscribed(subscribe, bench.now_ms)  # type: ignore[arg-type]
+    for number in (1, 2):
+        own = DroneRecord(activator_session=FOG_SESSION, up=True, drone_session=UAV_SESSION + number)
+        bench.cloud(f"drone{number}/reachable", own, retain=True)
+    bench.be_shown()
+    effects = [*bench.select(TARGET, executor_session=77), *bench.word(1, Word.EXPIRED), *bench.word(2, Word.EXPIRED)]
+    assert of(effects, "fog1/commands_result/goto") == []
+
+
 def test_records_that_only_full_names_show_do_not_say_who_else_was_there() -> None:
     bench = ActivatorBench(drones=(1,), born=False)
     bench.be_shown((1, DroneRecord(activator_session=77, up=True, drone_session=5)))

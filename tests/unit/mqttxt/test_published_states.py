@@ -30,7 +30,15 @@ from tests.simulation.world import (
 )
 
 OWN = {"location", "heading", "landed_state", "flight_mode", "armed"}
-BATTERY = from_autopilot(mavlink.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 50))
+
+
+def battery(number: int, remaining_pct: int) -> Any:
+    return from_autopilot(mavlink.MAVLink_battery_status_message(number, 0, 0, 0, [0] * 10, 0, 0, 0, remaining_pct))
+
+
+BATTERY, UNKNOWN, SECOND = battery(0, 50), battery(0, -1), battery(1, 90)
+TOO_HIGH = from_autopilot(mavlink.MAVLink_global_position_int_message(0, 0, 0, 2**31 - 1, 0, 0, 0, 0, 0))
+NO_HEADING = from_autopilot(mavlink.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 2**16 - 1))
 
 
 def client(bundles: bool = False) -> UavClient:
@@ -83,6 +91,30 @@ def test_a_state_whose_own_message_stops_is_not_repeated_and_the_others_are() ->
     found = lived(uav, 20_000, 90_000, heartbeat, position)
     assert {"location", "heading", "armed", "flight_mode", "home"} == set(found)
     assert found.count("home") >= 2
+
+
+@pytest.mark.parametrize(
+    ("state", "message"),
+    [("battery", UNKNOWN), ("battery", SECOND), ("location", TOO_HIGH), ("heading", NO_HEADING)],
+)
+def test_a_state_is_not_repeated_by_messages_without_a_value_of_it(state: str, message: Any) -> None:
+    uav = client()
+    uav.on_mavlink(BATTERY, 0)
+    assert state in lived(uav, 0, LOST_MS, heartbeat, position)
+    lived(uav, LOST_MS, 2 * LOST_MS, heartbeat, lambda: message)
+    found = lived(uav, 2 * LOST_MS, 100_000, heartbeat, lambda: message)
+    assert state not in found
+    assert "armed" in found
+
+
+def test_a_streamed_state_leaves_only_with_a_value_of_it() -> None:
+    uav = client()
+    command = encode(command_payload(Stream("battery", 1.0)))
+    on_disk(uav, uav.on_message("fog", Inbound("drone1/commands", command), 0), 0)
+    uav.on_mavlink(ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL), 0)
+    both = lived(uav, 0, 20_000, heartbeat, lambda: SECOND, lambda: BATTERY)
+    assert both.count("battery") >= 19
+    assert "battery" not in lived(uav, 20_000, 40_000, heartbeat, lambda: SECOND, lambda: UNKNOWN)
 
 
 def test_a_state_of_parameters_that_is_streamed_ends_with_the_heartbeats() -> None:

@@ -7,12 +7,21 @@ from typing import Any
 import pytest
 
 from mqttxt.activator.legs import busy_drones
+from mqttxt.activator.unanswered import MOST_UNANSWERED
 from mqttxt.core.effects import Log, Publish
 from mqttxt.core.ledger import FOG_CAPACITY, KEEP_MS
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land, Takeoff
-from mqttxt.protocol.control import Control
-from mqttxt.protocol.messages import CommandId, CommandMessage, FogResultMessage, Presence, ResultMessage, Word
+from mqttxt.protocol.control import Control, DroneLease
+from mqttxt.protocol.messages import (
+    BeaconMessage,
+    CommandId,
+    CommandMessage,
+    FogResultMessage,
+    Presence,
+    ResultMessage,
+    Word,
+)
 from mqttxt.protocol.names import MAX_DRONE
 from mqttxt.protocol.rankings import SelectMode
 from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
@@ -53,11 +62,48 @@ def test_what_the_activator_closes_by_itself(changed: dict[str, Any], word: Word
     assert of(effects, "drone1/commands") == []
 
 
+def just_started(bench: ActivatorBench) -> list[Any]:
+    """The drone has a new session, whose clock reads 0."""
+    bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
+    (asked,) = of(bench.fog("drone1/reachable", Presence(session=77, up=True)), "drone1/init_connect")
+    nonce = decode(DroneLease, asked.payload).nonce
+    return bench.fog("drone1/clock", BeaconMessage(session=77, now_ms=0, nonce=nonce, held_ms=0))
+
+
+def test_what_cannot_be_due_in_a_drones_clock_is_not_sent(bench: ActivatorBench) -> None:
+    """A deadline of 0 would make a question of the command (R4.5)."""
+    just_started(bench)
+    assert words(bench.command(deadline_ms=bench.now_ms + 1)) == [(Word.UNREACHABLE, "no_beacon")]
+    (sent,) = of(bench.command(seq=2, deadline_ms=bench.now_ms + 2000), "drone1/commands")
+    assert (decode(CommandMessage, sent.payload).deadline_ms or 0) > 0
+
+
+def test_a_lease_that_has_no_end_in_a_drones_clock_hands_down_no_control() -> None:
+    bench = ready(controlled=False)
+    bench.register(lease_s=1)
+    bench.now_ms += 1000
+    given = decode(DroneLease, of(just_started(bench), "drone1/init_connect")[-1].payload)
+    assert (given.holder_session, given.deadline_ms) == (None, None)
+
+
 def test_no_subscriber_counts_as_not_published(bench: ActivatorBench) -> None:
     (publish,) = bench.command()
     assert words(list(bench.role.on_published("fog", publish.ref, 0x10, bench.now_ms))) == [
         (Word.UNREACHABLE, "no_subscriber")
     ]
+
+
+def test_no_subscriber_of_a_later_copy_is_no_definite_no(bench: ActivatorBench) -> None:
+    """The drone may have had the first one (R5.9)."""
+    bench.command(deadline_ms=bench.now_ms + 30_000)
+    bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
+    (again,) = of(bench.appear(), "drone1/commands")
+    assert words(list(bench.role.on_published("fog", again.ref, 0x10, bench.now_ms))) == []
+
+
+def test_no_subscriber_of_a_question_is_no_definite_no(bench: ActivatorBench) -> None:
+    (asked,) = bench.command(executor_session=99)
+    assert words(list(bench.role.on_published("fog", asked.ref, 0x10, bench.now_ms))) == []
 
 
 def test_afterwards_only_the_drone_has_the_last_word(bench: ActivatorBench) -> None:
@@ -319,3 +365,46 @@ def test_a_broadcast_stays_open_for_the_drones_that_have_it_whichever_is_away(aw
     effects = bench.until(bench.now_ms + 100_000)
     assert of(effects, f"drone{there}/commands"), "it is said again"
     assert words(effects, there)[-1] == (Word.UNCONFIRMED, None)
+
+
+@pytest.mark.parametrize("is_back", [False, True])
+def test_a_drone_is_asked_in_turn_and_nobodys_questions_are_in_front_of_a_hold(is_back: bool) -> None:
+    """A broker keeps 1,000 messages for a client: behind more of them a hold would be dropped."""
+    bench = ActivatorBench()
+    bench.register(lease_s=3600)
+    out = bench.appear() if not is_back else []
+    for seq in range(1, 51):
+        out += bench.command(gs_session=EVE, seq=seq, executor_session=FOG_SESSION + 1, limit_s=600.0)
+    out += bench.command(seq=1, executor_session=FOG_SESSION + 1, limit_s=600.0)
+    out += bench.appear() if is_back else []
+    sent = [decode(CommandMessage, publish.payload) for publish in of(out, "drone1/commands")]
+    assert [asked.gs_session for asked in sent] == [EVE] * MOST_UNANSWERED + [GS_SESSION]
+    assert len(of(bench.command(Hold(), seq=2), "drone1/commands")) == 1
+    open_at_drone, answered = sent[:-1], set[int]()
+    while open_at_drone:
+        answered |= {asked.seq for asked in open_at_drone}
+        for asked in open_at_drone:
+            bench.result(Word.EXPIRED, gs_session=EVE, seq=asked.seq)
+        again = [
+            decode(CommandMessage, publish.payload)
+            for publish in of(bench.until(bench.now_ms + 300), "drone1/commands")
+        ]
+        open_at_drone = [asked for asked in again if asked.gs_session == EVE]
+        assert len(open_at_drone) <= MOST_UNANSWERED
+    assert answered == set(range(1, 51))
+
+
+def test_a_question_that_waited_is_asked_once_where_the_drone_has_the_command(bench: ActivatorBench) -> None:
+    """The newest word of a command that has begun repeats an earlier one, which changes nothing."""
+    for seq in range(1, 2 * MOST_UNANSWERED + 1):
+        bench.command(Arm(), seq=seq, limit_s=600.0)
+        bench.result(Word.ACCEPTED, seq=seq)
+    bench.until(bench.now_ms + 6000)
+    bench.role.on_disconnected("fog", bench.now_ms)
+    for subscribe in bench.role.on_connected("fog", bench.now_ms):
+        bench.role.on_subscribed(subscribe, bench.now_ms)  # type: ignore[arg-type]
+    asked = len(of(bench.appear(), "drone1/commands"))
+    for seq in range(1, MOST_UNANSWERED + 1):
+        bench.result(Word.ACCEPTED, seq=seq)
+    asked += len(of(bench.until(bench.now_ms + 20_000), "drone1/commands"))
+    assert asked == 2 * MOST_UNANSWERED

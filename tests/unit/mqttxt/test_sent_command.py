@@ -11,6 +11,7 @@ import pytest
 
 from mqttxt import (
     Arm,
+    BrokerRefused,
     ConfigurationError,
     Encoding,
     Fog,
@@ -44,7 +45,9 @@ from mqttxt.protocol.messages import (
 )
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
 from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.states import AutopilotText, Severity
 from mqttxt.security.cose import Envelope
+from mqttxt.station import heard
 from mqttxt.station.drone_view import HeardState
 from mqttxt.station.readiness import missing
 
@@ -64,6 +67,7 @@ class Field:
         self.failure: str | None = None
         self.published: list[Publish] = []
         self.given_up: list[str] = []
+        self._stamp = -1
         self.runner.connected("cloud")
         self.runner.carry_out(self.runner.station.add_fogs(fogs))
         for fog in fogs:
@@ -95,12 +99,20 @@ class Field:
     def hear(self, topic: str, message: Any) -> None:
         self.runner.received("cloud", Inbound(self.prefix + topic, encode(message), 1))
 
-    def hear_place(self) -> Location:
+    def hear_place(self, north_deg: float = 47.4) -> Location:
         """Drone 1 says where it is."""
-        state = Location(47.4, 8.5, 500.0, 12.0)
-        payload = encode_state(StampedState(state, 0, 0), Encoding.CBOR)
-        self.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+        state = Location(north_deg, 8.5, 500.0, 12.0)
+        self._hear_state(state)
         return state
+
+    def hear_text(self, text: str) -> None:
+        """Drone 1 passes on a text of its autopilot."""
+        self._hear_state(AutopilotText(Severity.INFO, text))
+
+    def _hear_state(self, state: Location | AutopilotText) -> None:
+        self._stamp += 1
+        payload = encode_state(StampedState(state, self._stamp, self._stamp), Encoding.CBOR)
+        self.runner.received("cloud", Inbound(f"fog1/drone1/state/{state.name}", payload))
 
     def fog(self, number: int = 1) -> Fog:
         return self.gs.fog(number)
@@ -239,6 +251,9 @@ async def test_a_broadcast_that_the_fog_refuses_is_one_answer_without_a_drone(fi
         (lambda fog: fog.broadcast(NEAR), ConfigurationError),
         (lambda fog: fog.best(Arm()), ConfigurationError),
         (lambda fog: fog.drone(251), ConfigurationError),
+        (lambda fog: fog.drone(1.5), ConfigurationError),
+        (lambda fog: fog.drone(True), ConfigurationError),
+        (lambda fog: fog.drone("1"), ConfigurationError),
     ],
 )
 async def test_what_cannot_be_is_refused_by_the_call_and_nothing_is_sent(call: Any, error: type[Exception]) -> None:
@@ -246,6 +261,31 @@ async def test_what_cannot_be_is_refused_by_the_call_and_nothing_is_sent(call: A
     with pytest.raises(error):
         call(field.fog())
     assert field.sent == []
+
+
+@pytest.mark.parametrize(
+    ("given", "error"),
+    [
+        ({"encoding": "json"}, "encoding 'json': expected Encoding.CBOR or Encoding.JSON"),
+        ({"control": None}, "control None: expected True, False or drones' numbers, as [1, 3]"),
+        ({"control": [1.0]}, "drone 1.0: expected a whole number from 1 to 250"),
+        ({"control": "12"}, "drone '1': expected a whole number from 1 to 250"),
+    ],
+)
+def test_a_parameter_of_a_station_that_cannot_be_is_named(given: dict[str, Any], error: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        GroundStation("mqtt://127.0.0.1:1", **given)
+    assert str(refused.value) == error
+
+
+@pytest.mark.parametrize(("fog", "timeout_s"), [(2, -1.0), (2.0, 5.0), (0, 5.0)])
+async def test_a_station_that_is_told_to_connect_wrongly_takes_part_in_no_further_fog(
+    field: Field, fog: Any, timeout_s: float
+) -> None:
+    async with field.gs as gs:
+        with pytest.raises(ConfigurationError, match="expected"):
+            await gs.connect([fog], timeout_s)
+        assert [each.number for each in gs.fogs] == [1]
 
 
 async def test_without_a_live_activator_the_call_says_so_and_nothing_is_sent(field: Field) -> None:
@@ -318,6 +358,33 @@ async def test_events_are_kept_from_the_call_on(field: Field) -> None:
     update = await anext(events)
     assert isinstance(update, StateUpdate)
     assert update.state == state
+
+
+async def test_a_slow_reader_of_events_loses_no_word_and_keeps_of_each_state_the_newest(
+    field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(heard, "MOST_WAITING", 10)
+    events = field.gs.events()
+    sent = field.fog().drone(1).arm()
+    field.say(Word.ACCEPTED)
+    for at in range(1000):
+        field.hear_place(north_deg=at / 100)
+        if at in (3, 500):
+            field.hear_text(f"text {at}")
+    field.say(Word.COMPLETED)
+    assert (await sent).completed
+    waiting = list(events._record.said)
+    assert len(waiting) < 20
+    assert [str(event) for event in waiting if isinstance(event, Outcome)] == [
+        "drone 1: arm accepted",
+        "drone 1: arm completed",
+    ]
+    states = [event.state for event in waiting if isinstance(event, StateUpdate)]
+    assert [state.text for state in states if isinstance(state, AutopilotText)] == ["text 3", "text 500"]
+    places = [state.latitude_deg for state in states if isinstance(state, Location)]
+    assert places[-1] == pytest.approx(9.99)
+    assert places == sorted(places)
+    assert await anext(events) == waiting[0]
 
 
 async def test_a_stream_of_events_that_nobody_holds_is_forgotten(field: Field) -> None:
@@ -472,6 +539,21 @@ async def test_a_choice_goes_on_whether_or_not_somebody_waits_for_it() -> None:
     assert [event.fog async for event in sent if isinstance(event, PsmiList)] == [1, 2]
 
 
+@pytest.mark.parametrize("others", [Word.DENIED, Word.EXPIRED])
+@pytest.mark.parametrize("its", [Word.COMPLETED, Word.UNCONFIRMED])
+async def test_the_answer_of_a_choice_is_the_drones_that_has_the_command(field: Field, its: Word, others: Word) -> None:
+    """R7.8: a restarted activator asks every drone, and the one that has the command is not the last to answer."""
+    sent = field.gs.best(NEAR)
+    select = decode(SelectMessage, field.sent[0].payload)
+    head = {"gs_session": select.gs_session, "seq": select.seq, "session": SESSION, "stamp": 1}
+    for drone in (1, 2):
+        field.hear("fog1/PSMI", PsmiMessage(**head, listed=(), left_out=(), chosen=drone))
+    field.say(its, drone=2)
+    field.say(others, drone=1)
+    outcome = await sent
+    assert (outcome.drone, outcome.word) == (2, its)
+
+
 async def test_fogs_that_answer_no_offer_are_named_and_nobody_is_sent() -> None:
     field = Field(1, 2)
     sent = field.gs.best(NEAR, ttl_s=0.01)
@@ -503,6 +585,27 @@ async def test_who_waits_for_a_command_hears_that_the_station_was_left_and_a_lat
         await field.gs.connect([1])
     assert [event async for event in field.gs.events()] == []
     assert len(field.sent) == 1
+
+
+async def test_the_error_that_ended_a_station_does_not_grow_while_a_program_tries_again(field: Field) -> None:
+    """Each frame of its traceback would keep what its caller had."""
+    await field.gs.__aenter__()
+    await turns()
+    sent = field.fog().drone(1).arm()
+    field.runner._fail(BrokerRefused("cloud: refused"))
+    await turns(20)
+    calls, waits = set(), set()
+    for _ in range(3):
+        with pytest.raises(BrokerRefused) as call:
+            field.fog().drone(1).arm()
+        calls.add(len(call.traceback))
+    for _ in range(3):
+        with pytest.raises(BrokerRefused) as wait:
+            await sent
+        waits.add(len(wait.traceback))
+    assert (len(calls), len(waits)) == (1, 1)
+    with pytest.raises(BrokerRefused):
+        await field.gs.__aexit__(None, None, None)
 
 
 async def test_a_choice_releases_what_it_holds_when_the_station_is_left() -> None:

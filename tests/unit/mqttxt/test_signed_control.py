@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 
 from mqttxt.activator.role import Activator
-from mqttxt.core.effects import Inbound, Publish, Stop
+from mqttxt.core.effects import Inbound, Publish, Stop, Subscribe
 from mqttxt.core.hearing import ANSWER_MS, SILENT_MS
 from mqttxt.core.session_owners import MOST_OF_ONE
 from mqttxt.core.settings import Settings
 from mqttxt.drone.grants import MOST_GRANTS, Grants
 from mqttxt.protocol.bulk import BulkAsk, Get
-from mqttxt.protocol.codec import encode
+from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.protocol.control import Control, DroneLease, Grant, Registration
-from mqttxt.protocol.messages import FogPresence, Presence, Word
+from mqttxt.protocol.messages import BeaconMessage, FogPresence, Presence, Word
 from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
@@ -400,8 +400,11 @@ def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:
     assert kinds(grant(seal("gs-h"))) == ["foreign_session"]
     before_ms = world.uav.desk.executor.lease.until_ms
     grant(seal("gs-g"), until_ms=1)
-    grant(seal("gs-g"), drone_session=5)
+    grant(seal("gs-g"), drone_session=5, until_ms=2**40)
     assert world.uav.desk.executor.lease.until_ms == before_ms
+    wide = lease("fog1", holder="g", holder_session=GS_SESSION, deadline_ms=2**40)
+    world.hears("uav", "drone1/init_connect", wide.encode())
+    assert (world.uav.desk.executor.lease.until_ms or 0) <= world.now_ms + 30_000, "by the grant of this session"
     assert kinds(world.hears("activator", "fog1/drone1/control", seal("gs-h").sign("drone1/control", b"\x80").encode()))
 
 
@@ -413,3 +416,33 @@ def test_grants_are_bounded() -> None:
     assert grants.bound("gs-g", 2, 100, None) == (9, None)
     assert grants.bound("gs-h", 2, 100, 100) == (None, None)
     assert grants.bound(None, None, 100, 100) == (None, None)
+
+
+def test_an_old_answer_to_a_question_for_the_clock_is_no_registration() -> None:
+    """On a way of three seconds the question is repeated before the first answer comes, and nobody is registered."""
+    fog, role = seal("fog1"), StationRole("g", GS_SESSION, Settings(), seal=seal("gs-g"))
+    role.add_fogs([1])
+    for effect in role.on_connected("cloud", 0):
+        if isinstance(effect, Subscribe):
+            role.on_subscribed(effect, 0)
+
+    def hear(topic: str, message: Any, now_ms: int) -> list[Registration]:
+        payload = fog.sign(topic, encode(message), with_certificate=True).encode()
+        return registrations(role.on_message("cloud", Inbound(topic, payload, 1), now_ms))
+
+    def registrations(outputs: list[Any]) -> list[Registration]:
+        found = [one for one in outputs if isinstance(one, Publish) and one.topic == "fog1/init_connect"]
+        return [decode(Registration, Envelope.parse(one.payload).payload) for one in found]
+
+    def beacon(fogs_ms: int, asked: Registration) -> BeaconMessage:
+        return BeaconMessage(session=FOG_SESSION, now_ms=fogs_ms, nonce=asked.nonce, held_ms=0)
+
+    (first,) = hear("fog1/reachable", FogPresence(session=FOG_SESSION, up=True), 0)
+    (second,) = registrations(role.tick(2000))
+    assert (first.lease_s, second.lease_s) == (0, 0)
+    assert hear("fog1/clock", beacon(9000, first), 3000) == []
+    assert not role.fog(1).registered
+    (registered,) = registrations(role.tick(3050))
+    assert (registered.lease_s, registered.anew) == (30, True)
+    assert hear("fog1/clock", beacon(12_050, registered), 6050) == []
+    assert role.fog(1).registered

@@ -14,12 +14,14 @@ from mqttxt.core.mqtt.events import LinkEvents
 from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.mqtt.sn import codec, packets
 from mqttxt.core.mqtt.sn.address_proof import REFLECTED
+from mqttxt.core.mqtt.sn.air import Air
 from mqttxt.core.mqtt.sn.gateway import BIRTHS_AT_ONCE, BIRTHS_PER_S, OPENED_AT_ONCE, Address, AirGateway
-from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
+from mqttxt.core.mqtt.sn.packets import CONGESTION, NORMAL, PREDEFINED, Connect, Message
 from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM
 from mqttxt.core.mqtt.sn.together import AirMessage, pack
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds, _parsed
 from mqttxt.core.shared_lists import LISTS_AT_ONCE
+from tests.rigs.processes import eventually, free_port
 from tests.simulation.air_bench import (
     COMMANDS,
     GATEWAY,
@@ -126,6 +128,34 @@ def test_a_list_that_the_activator_lacks_is_passed_on(air: AirBench, uav: BenchC
     uav.publish(LIST, b"older", retain=True)
     assert [(told.topic, told.payload) for told in air.sides[0].published] == [(LIST, b"newer"), (RESULT, b"\0")]
     assert uav.acknowledged == [(LIST, 0), (RESULT, 0), (LIST, 0)]
+
+
+@pytest.mark.parametrize("way", ["by name", "by id", "together"])
+def test_a_stranger_leaves_nothing_at_the_broker_that_stays(air: AirBench, way: str) -> None:
+    """No restart and no other node takes retained messages back, and there are topics without end."""
+    stranger(air)
+    for number in range(1, 11):
+        topic = f"drone1/sensor{number}/temperature"
+        if way == "together":
+            payload = pack(AirMessage(topic, b"junk", retain=True), TopicIds())
+            air.says(Message(TOGETHER, payload, PREDEFINED, 1, number, retain=True), EVIL)
+        elif way == "by id":
+            answers = air.says(Message(id_of(STATE), b"junk", PREDEFINED, 1, number, retain=True), EVIL)
+            assert answers == [packets.Puback(id_of(STATE), number, packets.INVALID_TOPIC)]
+        else:
+            (registered,) = air.says(packets.Register(0, 2 * number - 1, topic), EVIL)
+            assert isinstance(registered, packets.Regack)
+            air.says(Message(registered.topic_id, b"junk", NORMAL, 1, 2 * number, retain=True), EVIL)
+    assert [told for told in air.sides[0].published if told.retain] == []
+
+
+def test_a_birth_is_retained(air: AirBench, uav: BenchClient) -> None:
+    uav.publish("drone1/reachable", b"up", retain=True)
+    uav.publish(RESULT)
+    assert [(told.topic, told.retain) for told in air.sides[0].published] == [
+        ("drone1/reachable", True),
+        (RESULT, False),
+    ]
 
 
 def test_a_will_says_nothing_to_all_nodes(air: AirBench) -> None:
@@ -236,9 +266,9 @@ def test_a_connect_and_one_lost_datagram_do_not_end_a_client_that_is_there(air: 
 def test_a_state_that_is_confirmed_does_not_replace_a_newer_one(air: AirBench, uav: BenchClient) -> None:
     air.lose = lambda port, packet: port != GATEWAY and isinstance(packet, packets.Puback)
     uav.publish(RESULT)
-    uav.publish(STATE, b"old", 0, retain=True)
+    uav.publish(STATE, b"old", 0)
     air.pass_time(1.6)
-    uav.publish(STATE, b"new", 0, retain=True)
+    uav.publish(STATE, b"new", 0)
     air.lose = lambda port, packet: False
     air.pass_time(1.2)
     states = [told.payload for told in air.sides[0].published if told.topic == STATE]
@@ -383,3 +413,22 @@ async def test_each_address_of_a_gateway_s_name_is_tried_and_no_return_code_ends
     finally:
         running.cancel()
         transport.close()
+
+
+async def test_what_keeps_the_activator_busy_does_not_keep_datagrams_from_it() -> None:
+    """Of a broker it reads 256 packets in a turn of its loop: a datagram in each would be some forty in a second."""
+    port = free_port(socket.SOCK_DGRAM)
+    air = Air("127.0.0.1", port, BrokerAddress("127.0.0.1", 1), "", lambda kind, detail: None)
+    serving = asyncio.create_task(air.run())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as drones:
+        drones.setblocking(False)
+        drones.connect(("127.0.0.1", port))
+        await eventually(lambda: air._transport is not None, "it listens")
+        for _ in range(50):
+            drones.send(codec.encode(packets.Pingreq()))
+        for _ in range(3):
+            await asyncio.sleep(0)
+        answers = [codec.decode(drones.recv(100)) for _ in range(50)]
+    serving.cancel()
+    await asyncio.wait({serving})
+    assert answers == [packets.Disconnect()] * 50

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.core.effects import Inbound, Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Transmit
+from mqttxt.drone.mavlink.plans import command_long
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.bundles import DroneBundle
 from mqttxt.protocol.codec import decode, encode
@@ -24,6 +25,7 @@ from tests.simulation.world import (
     command_payload,
     from_autopilot,
     heartbeat,
+    landed,
     on_disk,
     position,
     ready,
@@ -81,6 +83,29 @@ def test_an_autopilot_is_not_slowed_down_below_its_own_rate(bench: Streaming) ->
     assert asked(bench.start(2, Stream("location", 1.0))) == [(33, 0.0)]
     bench.hear(ack(INTERVAL), position())
     assert asked(bench.start(3, Stream("location", 0.0))) == []
+
+
+def test_what_the_client_asked_for_itself_is_not_given_up_with_a_stream() -> None:
+    """ArduPilot's own rate of most messages is 0: without a landed state, for one, every goto would be denied."""
+    uav = UavClient(1, UAV_SESSION, Settings())
+    ready(uav)
+    out: list[Any] = []
+    for now_ms in range(0, 4000, 100):
+        if now_ms % 1000 == 0:
+            uav.on_mavlink(heartbeat(), now_ms)
+        out += uav.tick(now_ms)
+    assert (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 5.0) in asked(out)
+    streams = uav.executor.streams
+    for now_ms in range(4000, 8000, 200):
+        uav.on_mavlink(landed(1), now_ms)
+    faster = streams.plan(Stream("landed_state", 20.0), 8000)
+    assert faster.on_accepted is not None
+    faster.on_accepted(8000)
+    ended = streams.plan(Stream("landed_state", 0.0), 8000)
+    assert (ended.message.param1, ended.message.param2) == (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 200_000.0)
+    assert ended.on_accepted is not None
+    ended.on_accepted(8000)
+    assert streams.plan(Stream("landed_state", 0.0), 8000).message is None
 
 
 def test_two_states_of_one_message_get_the_faster_rate(bench: Streaming) -> None:
@@ -269,3 +294,13 @@ def test_what_wrote_no_mode_leaves_nothing_behind_that_would_grow() -> None:
         bench.start(seq, Stream("location", 0.0))
         bench.hear(ack(INTERVAL))
     assert bench.executor._runs._ended == []
+
+
+def test_requests_that_nobody_answers_leave_nothing_behind_that_would_grow() -> None:
+    bench = Bench()
+    question = command_long(bench.vehicle, INTERVAL, 33.0, 200_000.0)
+    for _ in range(20):
+        bench.executor.ask(question, bench.now_ms)
+        bench.until(bench.now_ms + 10_000, 10_000)
+    (left,) = bench.executor._runs.acks._own.values()
+    assert len(left) == 1

@@ -143,6 +143,28 @@ def test_a_lower_number_is_overtaken_by_a_started_one_of_its_session(uav: UavCli
     assert len(transmitted(hear(uav, command_payload(Arm(), seq=4, gs_session=0x77)))) == 1
 
 
+@pytest.mark.parametrize("why", [{"deadline_ms": 1}, {"deadline_ms": 0}, {"deadline_ms": 61_001}])
+def test_behind_a_hold_that_was_denied_only_what_stops_the_drone_is_started(
+    uav: UavClient, why: dict[str, int]
+) -> None:
+    """An older command may come late over another connection (R19.4)."""
+    assert transmitted(hear(uav, command_payload(Hold(), seq=5, **why))) == []
+    assert words(hear(uav, command_payload(Arm(), seq=4))) == [(Word.OVERTAKEN, None)]
+    assert len(transmitted(hear(uav, command_payload(Disarm(), seq=3)))) == 1
+    assert len(transmitted(hear(uav, command_payload(Land(), seq=6)))) == 1
+
+
+def test_another_command_that_was_denied_overtakes_nothing(uav: UavClient) -> None:
+    hear(uav, command_payload(Arm(), seq=5, deadline_ms=1))
+    assert len(transmitted(hear(uav, command_payload(Arm(), seq=4)))) == 1
+
+
+def test_an_older_hold_does_not_let_through_what_a_newer_one_has_overtaken(uav: UavClient) -> None:
+    hear(uav, command_payload(Hold(), seq=5, deadline_ms=1))
+    hear(uav, command_payload(Hold(), seq=3, deadline_ms=1))
+    assert words(hear(uav, command_payload(Arm(), seq=4))) == [(Word.OVERTAKEN, None)]
+
+
 def test_a_malformed_command_is_denied_where_it_can_be_named() -> None:
     broken = cbor2.dumps([1, 0x11, 1, UAV_SESSION, 5000, 600, 0, 99])
     effects = list(client().on_message("fog", Inbound("drone1/commands", broken), 1000))

@@ -62,6 +62,14 @@ def test_what_was_heard_of_the_ground_long_ago_says_nothing_of_a_goto() -> None:
     assert written(bench.start(2, THERE)) == [REPOSITION]
 
 
+def test_a_landed_state_that_does_not_exist_keeps_no_older_one_known() -> None:
+    bench = Bench(*told(True, AIR))
+    while bench.now_ms <= 3000:
+        bench.until(bench.now_ms + 200)
+        bench.hear(landed(77))
+    assert said(bench.start(1, THERE)) == [(1, Word.DENIED, "landed_state_unknown")]
+
+
 def test_nothing_that_waited_is_written_to_an_autopilot_that_fell_silent() -> None:
     """It may have been started anew: what it said of itself before holds no longer."""
     bench = Bench(*told(True, GROUND))
@@ -108,6 +116,26 @@ def test_a_takeoff_that_left_a_disarmed_drone_in_its_mode_is_undone(answers: lis
     assert set(written(out + again)) == {MODE}
     bench.hear(ack(MODE), heartbeat(armed=False))
     assert written(bench.until(20_000)) == []
+
+
+def test_after_the_process_stood_still_a_takeoff_is_undone_once_a_heartbeat_shows_it() -> None:
+    """The drone may have been armed since, and a pilot may fly it (R5.15)."""
+    bench = Bench(*told(True, GROUND))
+    left = heartbeat(armed=False, main=4, sub=2)
+    bench.start(1, Takeoff(altitude_m=10))
+    assert written(bench.hear(ack(TAKEOFF), left)) == [MODE]
+    bench.executor.stood_still()
+    assert written(bench.until(2000)) == []
+    assert written(bench.hear(left)) == [MODE]
+
+
+def test_a_pilots_takeoff_mode_long_after_a_takeoff_is_left_alone() -> None:
+    bench = Bench(*told(True, GROUND))
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.hear(heartbeat(armed=False))
+    bench.until(11_000)
+    bench.hear(heartbeat(armed=False))
+    assert written(bench.hear(heartbeat(armed=False, main=4, sub=2)) + bench.until(20_000)) == []
 
 
 def test_a_takeoff_mode_that_was_not_ours_is_left_alone() -> None:

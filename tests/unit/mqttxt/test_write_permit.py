@@ -103,6 +103,16 @@ def test_what_waits_for_its_number_is_not_written_for_a_former_holder(epoch: int
     assert words(out) == [(Word.ACCEPTED, None), *REFUSED]
 
 
+@pytest.mark.parametrize(("epoch", "said"), [(0, [(Word.ACCEPTED, None)]), (1, [(Word.ACCEPTED, None), *REFUSED])])
+def test_a_lease_that_names_nobody_ends_what_waits_under_a_higher_epoch_alone(epoch: int, said: Any) -> None:
+    """Without a higher epoch its station's registration has lapsed, and a command has a deadline of its own."""
+    uav = flying()
+    assert sent(uav, HERE) == [REPOSITION]
+    assert sent(uav, THERE, seq=2) == []
+    lease(uav, 1200, epoch=epoch, counter=2)
+    assert words(uav.on_mavlink(ack(REPOSITION), 1300) + uav.tick(1400)) == said
+
+
 @pytest.mark.parametrize("epoch", [0, 1])
 def test_an_arm_behind_its_hold_is_not_written_for_a_former_holder(epoch: int) -> None:
     uav = controlled(heartbeat(main=4, sub=4))
@@ -255,6 +265,14 @@ def test_a_process_that_ends_sets_no_item() -> None:
     assert "MISSION_SET_CURRENT" not in kinds(out)
 
 
+def test_a_process_that_ends_sets_no_parameter_that_it_has_read() -> None:
+    bench = Bench()
+    bench.start(1, SetParameter("MPC_XY_CRUISE", 5.0))
+    bench.executor.leave(bench.now_ms)
+    out = bench.hear(value("MPC_XY_CRUISE", 3.0)) + bench.until(bench.now_ms + 3000)
+    assert "PARAM_SET" not in kinds(out)
+
+
 def test_a_process_that_ends_sets_no_parameter_that_waits() -> None:
     bench = Bench()
     bench.start(1, SetParameter("MPC_XY_CRUISE", 5.0))
@@ -291,6 +309,17 @@ def test_no_list_is_changed_behind_a_start_that_nobody_knows_of() -> None:
     assert "MISSION_CLEAR_ALL" not in kinds(out)
 
 
+def test_once_its_first_connection_is_lost_a_client_takes_another_activator_over_the_second() -> None:
+    paths = Paths("first", 10_000)
+    leases = [DroneLease(activator_session=one, drone_session=1, nonce=1, bound=True, epoch=0) for one in (9, 10)]
+    assert paths.takes(leases[0], "first", 1000)
+    assert not paths.takes(leases[1], "second", 2000)
+    paths.on_lost("second")
+    assert not paths.takes(leases[1], "second", 2000)
+    paths.on_lost("first")
+    assert paths.takes(leases[1], "second", 2000)
+
+
 def test_a_lease_of_an_earlier_activator_that_stood_in_a_connection_changes_nothing() -> None:
     """The first connection stands still with a lease in it; another activator session leads the drone meanwhile."""
     uav = UavClient(1, UAV_SESSION, Settings(), paths=Paths("first", 10_000))
@@ -316,6 +345,7 @@ def test_a_lease_of_an_earlier_activator_that_stood_in_a_connection_changes_noth
     assert uav.executor.lease.holder_session == ANOTHER
     led(60_000, "first", GS_SESSION, 2, 9)
     for counter, now_ms in enumerate(range(60_100, 100_000, 2000), start=50):
+        assert uav.executor.lease.holder_session == ANOTHER
         led(now_ms, "second", ANOTHER, counter, 10)
         assert uav.is_controlled(now_ms)
     assert (uav.executor.lease.holder_session, uav.desk.holder.epoch) == (ANOTHER, 1)

@@ -21,7 +21,7 @@ from .tap import Tap, clear_retained
 
 # Importing these modules registers their rules, in this order.
 from . import activator_gate, activator_presence, activator_commands, activator_audit  # isort: skip
-from . import activator_control, activator_two_brokers  # isort: skip
+from . import activator_control, activator_floods, activator_two_brokers  # isort: skip
 
 ENDING = (
     activator_presence.leaves_a_connection_that_delivers_nothing,
@@ -151,6 +151,7 @@ __all__ = [
     "activator_audit",
     "activator_commands",
     "activator_control",
+    "activator_floods",
     "activator_gate",
     "activator_signed",
     "check_activator",

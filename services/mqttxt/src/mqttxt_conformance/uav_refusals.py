@@ -8,7 +8,7 @@ import json
 import cbor2
 
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.commands import Arm, Disarm, Mavlink
+from mqttxt.protocol.commands import Arm, Disarm, Hold, Mavlink
 from mqttxt.protocol.values import Encoding
 
 from . import shapes
@@ -125,12 +125,16 @@ async def denies_an_id_conflict(kit: UavKit) -> str:
 
 @rule("uav", "R5.4")
 async def keeps_the_order(kit: UavKit) -> str:
-    """After it has started seq n of a station, lower ones are `overtaken`."""
+    """After it has started seq n of a station, or was sent a hold of that number, lower ones are `overtaken`."""
     await kit.calm()
     message = kit.send(Arm(), seq=5)
     await kit.outcome(message)
     await kit.calm()
-    return "seq 4 after 5: " + (await kit.refused(kit.command(gs_session=message.gs_session, seq=4), "overtaken"))[1]
+    started = (await kit.refused(kit.command(gs_session=message.gs_session, seq=4), "overtaken"))[1]
+    hold = kit.command(Hold(), seq=5, ttl_ms=90_000)
+    await kit.refused(hold, "denied", "deadline_too_far")
+    held = (await kit.refused(kit.command(gs_session=hold.gs_session, seq=4), "overtaken"))[1]
+    return f"seq 4 after 5: {started}; after a hold that was denied: {held}"
 
 
 @rule("uav", "R3.3")

@@ -9,11 +9,7 @@ from ..protocol.topics import DroneTopic
 from ..security.cose import Envelope
 from .drones import CLOUD, FOG, Drones
 from .part import Part, Site
-
-MOST_UNANSWERED = 8
-"""How many unanswered messages a drone may have; a station that keeps to the rules sends two."""
-FORGIVEN_MS = 2000
-"""How long after the first of them unanswered messages count as lost."""
+from .unanswered import Unanswered
 
 
 class BulkRelay(Part):
@@ -22,8 +18,7 @@ class BulkRelay(Part):
     def __init__(self, site: Site, drones: Drones) -> None:
         super().__init__(site)
         self._drones = drones
-        self._unanswered: dict[int, tuple[int, int]] = {}
-        """By drone: how many messages, and when the first of them was sent, ms."""
+        self._unanswered = Unanswered()
 
     def on_ask(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """Relay a station's message on `fogX/droneY/bulk`; raises PayloadError."""
@@ -39,20 +34,12 @@ class BulkRelay(Part):
         if not self._leases.controls(ask.gs_session, drone):
             return [Log("outsiders", f"{message.topic}: session {ask.gs_session:08x} is not in control")]
         link = self._drones.links.get(drone)
-        if link is None or not link.announced or not self._may_pass(drone, now_ms):
+        if link is None or not link.announced or not self._unanswered.takes(drone, now_ms):
             return []
         return [Publish(FOG, to, payload, qos=0)]
 
     def on_answer(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """Relay a drone's message on `droneY/bulk_answer`; raises PayloadError."""
         decode(BulkAnswer, self._to_fog.opened(message, f"drone{topic.drone}"))
-        self._unanswered.pop(topic.drone, None)
+        self._unanswered.answered(topic.drone)
         return [Publish(CLOUD, self._cloud.drone_bulk_answer(topic.drone), message.payload, qos=0)]
-
-    def _may_pass(self, drone: int, now_ms: int) -> bool:
-        """Count a message for a drone; returns whether to send it. So a flood does not reach the drone's link."""
-        count, since_ms = self._unanswered.get(drone, (0, now_ms))
-        if now_ms - since_ms > FORGIVEN_MS:
-            count, since_ms = 0, now_ms
-        self._unanswered[drone] = (count + 1, since_ms)
-        return count < MOST_UNANSWERED

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..core.clock import MAX_TTL_MS, expiry_s
 from ..core.effects import Audit, Effect, Inbound, Log, Publish
-from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, TokenBucket
 from ..core.ledger import FOG_CAPACITY, OVERRIDING, Admission, Entry, Ledger, Share
 from ..core.overriding import SAFETY, LaterHolds
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
@@ -21,7 +21,7 @@ from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.commands import BROADCASTABLE, Offboard
 from ..protocol.identify import identify
-from ..protocol.messages import CommandId, CommandMessage, RosterEntry, Word
+from ..protocol.messages import CommandMessage, RosterEntry, Word
 from ..protocol.rankings import SelectMessage, SelectMode
 from ..protocol.topics import DroneTopic, FogTopic
 from ..protocol.words import NO_DEADLINE, NOT_AUDITED
@@ -64,7 +64,6 @@ class CommandRelay(Part):
         self.words = RelayWords(site, drones, self.ledger, together)
         self.fog_connected = False
         self.has_paths = has_paths
-        self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
         self.is_audited = is_audited
         self.later_holds = LaterHolds()
@@ -122,14 +121,13 @@ class CommandRelay(Part):
         if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
             first = entry.record
             first.signed = first.signed.signed_again(signed) if first.signed is not None else None
-            is_due = first.is_answered and self._repetitions.may_answer(entry.id, now_ms)
-            return None, self.words.repeat(entry, now_ms) if is_due else []
+            return None, self.words.repeat(entry, now_ms)
         if verdict is Admission.IGNORED or (verdict is Admission.FULL and deadline_ms > keep_ms):
             return None, [
                 Log("outsiders", f"{command.command.name} of session {command.gs_session:08x}: no room for it")
             ]
         if verdict is not Admission.NEW:
-            if not self._repetitions.may_answer(command.id, now_ms):
+            if not self.words.repetitions.may_answer(command.id, now_ms):
                 return None, []
             reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
             return None, self.words.deny(target, command.command.name, command.id, reason, now_ms)
@@ -189,8 +187,7 @@ class CommandRelay(Part):
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Repeat unanswered commands, close overdue ones as `unconfirmed`, and answer repetitions that are due."""
-        again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
-        out = [effect for entry in again if entry is not None for effect in self.words.repeat(entry, now_ms)]
+        out = self.words.tick(now_ms)
         for entry in self.ledger.open_entries():
             for leg in [leg for leg in entry.record.legs.values() if not leg.is_closed]:
                 link = self._drones.links.get(leg.drone)
@@ -278,17 +275,18 @@ class CommandRelay(Part):
         return [self._publish_command(entry, leg, remaining_ms)]
 
     def _send_again(self, entry: Entry[Job], leg: Leg, link: DroneLink | None, now_ms: int) -> list[Effect]:
-        """Send the same bytes again; a query, if the drone has a new session, the station no longer controls it, or has
-        sent it a later hold, land or return (R10.1)."""
+        """Send the same bytes again; a query behind a new session, lost control, or a later hold (R10.1)."""
         if link is None or link.session is None or not self.fog_connected:
             return []
-        message = entry.record.message
+        message, remaining_ms = entry.record.message, entry.record.deadline_ms - now_ms
         is_same = leg.sent is not None and leg.sent.executor_session == link.session
-        is_overridden = self._is_overridden(message, leg.drone)
-        refusal = self._leases.refusal(leg.drone, message.gs_session, message.epoch, now_ms)
-        if not is_same or is_overridden or refusal is not None:
+        is_question = not is_same or self._is_overridden(message, leg.drone)
+        is_question |= self._leases.refusal(leg.drone, message.gs_session, message.epoch, now_ms) is not None
+        if (is_question or remaining_ms <= 0) and not self.words.may_ask(entry, leg, now_ms):
+            return []
+        if is_question:
             leg.sent = replace(message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
-        return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
+        return [self._publish_command(entry, leg, remaining_ms)]
 
     def _is_overridden(self, message: CommandMessage, drone: int) -> bool:
         """Whether a later hold, land or return to a drone has come, and the command does not stop it too (R5.4)."""
@@ -313,6 +311,6 @@ class CommandRelay(Part):
         if known is None or self.ledger.get(known) is not None:
             return out
         is_taken = self._budget.takes((self._station(known.gs_session), False), now_ms)
-        if is_taken and self._repetitions.may_answer(known, now_ms):
+        if is_taken and self.words.repetitions.may_answer(known, now_ms):
             out += self.words.deny(drone, "malformed", known, str(error), now_ms)
         return out

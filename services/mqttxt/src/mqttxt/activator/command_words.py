@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ..core.clock import stamp
 from ..core.effects import Audit, Effect, Log, Publish
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Repetitions, TokenBucket
 from ..core.ledger import Entry, Ledger
 from ..core.settings import Retry
 from ..protocol.codec import decode
@@ -27,6 +28,12 @@ from .drones import Drones
 from .legs import CHOSEN, Job, Leg
 from .part import Part, Site
 from .together import WordsTogether
+from .unanswered import Unanswered
+
+WORD_BYTES = 200
+"""A word that is signed is shorter; a longer answer, as a list of PSMI, counts as several words."""
+TURN_MS = 200
+"""How often a question is tried that waits for the answers to others."""
 
 
 class RelayWords(Part):
@@ -41,6 +48,21 @@ class RelayWords(Part):
         self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
         self._drones = drones
         self._ledger = ledger
+        self._questions = Unanswered()
+        self.repetitions: Repetitions[CommandId] = Repetitions()
+        """When which id was answered again, also one that the ledger has not taken."""
+        self._again = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
+        """Each station's answers to repetitions: to a broadcast's they are as many words as it has drones."""
+
+    def may_ask(self, entry: Entry[Job], leg: Leg, now_ms: int) -> bool:
+        """Whether to send a leg's question now; if not, its turn comes later (R15.8)."""
+        if not self._questions.takes((leg.drone, entry.station), now_ms):
+            leg.retry, leg.waits = Retry(now_ms + TURN_MS), True
+            return False
+        if leg.waits:
+            leg.waits = False
+            leg.retry = Retry.after_word(self._to_cloud.settings.qos, now_ms) if leg.words else Retry.unanswered(now_ms)
+        return True
 
     def on_result(
         self, link: DroneLink, payload: bytes, name: str, now_ms: int, signed: Envelope | None = None
@@ -57,6 +79,7 @@ class RelayWords(Part):
         leg = entry.record.legs.get(link.number)
         if leg is None:
             return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
+        self._questions.answered((link.number, entry.station))
         if leg.is_closed:
             unconfirmed = leg.words[-1].word is Word.UNCONFIRMED and leg.words[-1].session == self._session
             if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
@@ -106,10 +129,23 @@ class RelayWords(Part):
         return [*self._together.flush(now_ms), denial]
 
     def repeat(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """Answer a duplicate: repeat the roster, each drone's newest word and the `settled` one after it, unchanged."""
-        answer = [entry.record.answer] if entry.record.answer is not None else []
-        said = (word for leg in entry.record.legs.values() for word in leg.said)
-        return [*self._together.flush(now_ms), *answer, *said]
+        """Answer a duplicate, unchanged, or later if it was answered within the second."""
+        may_answer = bool(entry.record.answers) and self.repetitions.may_answer(entry.id, now_ms)
+        return self._repeated(entry, now_ms) if may_answer else []
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Answer the repetitions that are due."""
+        entries = (self._ledger.get(command_id) for command_id in self.repetitions.due(now_ms))
+        return [effect for entry in entries if entry is not None for effect in self._repeated(entry, now_ms)]
+
+    def _repeated(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """The answers to a repetition; later, if its station was given many (R15.2)."""
+        if not self._again.takes(entry.station, now_ms):
+            self.repetitions.may_answer(entry.id, now_ms)  # within the second: it is owed
+            return []
+        answers = entry.record.answers
+        self._again.owes(entry.station, now_ms, sum(1 + len(one.payload) // WORD_BYTES for one in answers) - 1)
+        return [*self._together.flush(now_ms), *answers]
 
     def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
         leg.words.append(result)

@@ -183,7 +183,7 @@ class Drones(Part):
 
     def restore(self, number: int, record: DroneRecord, by_name: bool, now_ms: int) -> None:
         """Take over a record that an earlier activator session retained; `by_name`: not shown by wildcard."""
-        self.were_shown = self.were_shown or not by_name
+        self.were_shown |= not by_name and record.activator_session != self._session
         key: Key | None = None
         if record.holder is not None and record.holder_session is not None:
             key = (record.holder, record.holder_session)

@@ -210,14 +210,19 @@ class Leases:
         return taken
 
     def _assign(self, now_ms: int) -> set[int]:
-        changed = set()
-        for drone in self._drones - set(self._holders):
-            restored = self._restored.get(drone)
-            for lease in self._leases.values():
-                if lease.wants(drone) and (restored is None or restored.key == lease.key):
+        changed: set[int] = set()
+        free = self._drones - self._holders.keys()
+        for lease in self._leases.values():
+            if not free:
+                break
+            if lease.control is Control.NONE:
+                continue
+            for drone in free if lease.drones is None else free & lease.drones:
+                restored = self._restored.get(drone)
+                if restored is None or restored.key == lease.key:
                     self._holders[drone] = lease.key
                     self._epochs[drone] = self._epoch
                     self._restored.pop(drone, None)
                     changed.add(drone)
-                    break
+            free -= changed
         return changed

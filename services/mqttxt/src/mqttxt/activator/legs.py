@@ -32,6 +32,8 @@ class Leg:
     publishes: int = 0
     words: list[ResultMessage] = field(default_factory=list)
     retry: Retry | None = None
+    waits: bool = False
+    """Whether a question waits for its turn, which `retry` then tries."""
     second_ms: int | None = None
     """When to send it over every connection, unless a word has arrived (R19.5)."""
     truth: ResultMessage | None = None
@@ -54,7 +56,8 @@ class Job:
 
     `target` is a drone's number, None for a broadcast, `CHOSEN` if PSMI chooses; while it is `choosing`, another leg
     may follow. `signed` has the envelopes that its station signed for each drone, None if messages are not signed.
-    `answer` is the message published about the command as a whole: roster or denial.
+    `listed` is PSMI's list, as it was published last, and `answer` the message about the command as a whole: roster or
+    denial.
     """
 
     target: int | None
@@ -64,13 +67,15 @@ class Job:
     query: bool
     signed: SignedCommand | None = None
     legs: dict[int, Leg] = field(default_factory=dict)
+    listed: Publish | None = None
     answer: Publish | None = None
     choosing: bool = False
 
     @property
-    def is_answered(self) -> bool:
-        """Whether anything was published about it."""
-        return self.answer is not None or any(leg.said for leg in self.legs.values())
+    def answers(self) -> list[Publish]:
+        """What was published about it, to answer repetitions: list, roster or denial, and each leg's newest words."""
+        whole = [one for one in (self.listed, self.answer) if one is not None]
+        return [*whole, *(word for leg in self.legs.values() for word in leg.said)]
 
     @property
     def is_over(self) -> bool:

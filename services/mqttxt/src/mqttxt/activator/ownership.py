@@ -18,8 +18,11 @@ from .part import Part, Site
 CHALLENGE_MS = 3000
 """How long another live activator of this fog has to answer before this one takes its place.
 
-For as long after its first birth this one also challenges a session that the broker had not shown before.
+For as long after its birth this one also challenges a session that the broker had not shown before.
 """
+CHALLENGER = "activator"
+"""The name in a challenge, which is the question of a registration."""
+MOST_CHALLENGERS = 100
 
 
 class Ownership(Part):
@@ -32,6 +35,7 @@ class Ownership(Part):
         self._births = births
         self._broker = broker
         self._first_born_ms: int | None = None
+        self._born_ms = 0
         self._by_name: tuple[str, ...] = ()
         self._closes_ms: int | None = None
         """An own beacon made since then ends, on its return, the retained messages; None while a SUBACK is awaited."""
@@ -39,6 +43,9 @@ class Ownership(Part):
         self._rival: int | None = None
         self._challenge_until_ms: int | None = None
         self._challenge_nonce = 0
+        self._was_answered = self._is_last_challenge = False
+        self._challengers: set[int] = set()
+        """The sessions that have challenged this one on this connection."""
         self._rebirth = Rebirth()
         self._newest_birth = b""
 
@@ -55,13 +62,14 @@ class Ownership(Part):
         self.born = False
         self._by_name = ()
         self._rival = self._challenge_until_ms = self._closes_ms = None
+        self._was_answered = self._is_last_challenge = False
+        self._challengers.clear()
 
     def tick(self, now_ms: int) -> list[Effect]:
         """End a challenge that nobody answered; publish presence and beacons that are due."""
         out: list[Effect] = []
         if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
-            self._rival = self._challenge_until_ms = None
-            out += [Unsubscribe(CLOUD, (self._cloud.clock,))] if self.born else self._go_on(now_ms)
+            out += self._challenge_over(now_ms)
         if self._rebirth.is_due(now_ms) and self.born:
             out.append(self._publish_presence(up=True))
         if self.born and self._drones.roster_changed:
@@ -104,15 +112,23 @@ class Ownership(Part):
     def on_clock(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/clock`: a rival's beacon proves it alive; before the birth the own one ends the retained messages."""
         beacon = decode(BeaconMessage, self._to_cloud.opened(message, self._name))
-        is_answer = self._to_cloud.seal is None or beacon.nonce == self._challenge_nonce
-        is_younger = not self.born or beacon.now_ms >= now_ms
-        if beacon.session == self._rival and is_answer and is_younger:
-            return [Stop(f"refused: another live activator is fog {self._cloud.fog} already")]
+        if beacon.session == self._rival:
+            is_answer = self._challenge_until_ms is not None and beacon.nonce == self._challenge_nonce
+            is_younger = not self.born or beacon.now_ms >= now_ms
+            yields = self._is_last_challenge and (self._rival not in self._challengers or self._session < self._rival)
+            if (is_answer and yields) or (is_younger and (is_answer or self._to_cloud.seal is None)):
+                return [Stop(f"refused: another live activator is fog {self._cloud.fog} already")]
+            self._was_answered = self._was_answered or is_answer
         if self.born or beacon.session != self._session or self._challenge_until_ms is not None:
             return []
         if self._closes_ms is None or beacon.now_ms < self._closes_ms:
             return []
         return self._go_on(now_ms) if self._rival is None else [self._ask(now_ms)]
+
+    def on_challenge(self, session: int) -> None:
+        """Another activator of this fog asks whether this one is there; it is answered as a station is."""
+        if self.born and session != self._session and len(self._challengers) < MOST_CHALLENGERS:
+            self._challengers.add(session)
 
     def on_subscribed(self, now_ms: int) -> list[Effect]:
         """The last subscriptions are granted: send the beacon that ends the retained messages, or challenge a rival."""
@@ -171,20 +187,32 @@ class Ownership(Part):
 
     def _doubt(self, rival: int, now_ms: int) -> list[Effect]:
         """Challenge another activator that claims the fog, if this one was just born: the other may be older."""
-        is_new = self._first_born_ms is not None and now_ms < self._first_born_ms + CHALLENGE_MS
-        if not is_new or self._rival is not None:
+        if now_ms >= self._born_ms + CHALLENGE_MS or self._rival is not None:
             return []
         self._rival = rival
         return [Subscribe(CLOUD, (self._cloud.clock,))]
 
+    def _challenge_over(self, now_ms: int) -> list[Effect]:
+        """Nobody has made this one stop; an activator that is there all the same is challenged a last time (R9.6).
+
+        Their ages may differ by less than an answer takes; or the other one is not new, and challenges nobody.
+        """
+        self._is_last_challenge = self.born and self._was_answered and not self._is_last_challenge
+        self._was_answered = False
+        if self._is_last_challenge:
+            return [self._ask(now_ms)]
+        self._rival = self._challenge_until_ms = None
+        return [Unsubscribe(CLOUD, (self._cloud.clock,))] if self.born else self._go_on(now_ms)
+
     def _ask(self, now_ms: int) -> Publish:
         self._challenge_until_ms = now_ms + CHALLENGE_MS
         self._challenge_nonce = secrets.randbelow(2**32)
-        question = Registration(name="activator", session=self._session, nonce=self._challenge_nonce, lease_s=0)
+        question = Registration(name=CHALLENGER, session=self._session, nonce=self._challenge_nonce, lease_s=0)
         return self._to_cloud.publish(self._cloud.init_connect, question, qos=1)
 
     def _be_born(self, now_ms: int) -> list[Effect]:
         self.born = self._drones.tells = True
+        self._born_ms = now_ms
         self._first_born_ms = now_ms if self._first_born_ms is None else self._first_born_ms
         return [
             Unsubscribe(CLOUD, (self._cloud.clock, *self._by_name)),

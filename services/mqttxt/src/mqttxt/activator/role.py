@@ -31,7 +31,10 @@ from .stations import Stations
 from .together import WordsTogether
 
 DRONE_PER_S, DRONE_AT_ONCE = 2000, 4000
-"""Limits for states, readings and words of one drone: about forty states at the highest rate that `stream` allows."""
+"""Limits for states and readings of one drone: about forty states at the highest rate that `stream` allows.
+
+Its words have such limits of their own: none is lost for states.
+"""
 PRESENCE_PER_S, PRESENCE_AT_ONCE = 50, 200
 """Limits for births and beacons of one drone, each of which makes the activator publish."""
 _ASKING = frozenset({"commands", "select", "init_connect"})
@@ -184,7 +187,7 @@ class Activator:
         """Do everything that is due; to be called at least ten times per second."""
         out = [*self.say_together(now_ms), *self.drones.controlled_anew(self.leases.tick(now_ms), now_ms)]
         out += self._watched(self.drones.tick(now_ms), now_ms) + self.relay.tick(now_ms)
-        out += self.selector.tick(now_ms)
+        self.selector.tick(now_ms)
         out += self._stations.tick(now_ms) + self._hearing.tick(now_ms)
         return out + self.states.tick(now_ms) + self.sensors.tick(now_ms) + self.ownership.tick(now_ms)
 
@@ -232,7 +235,7 @@ class Activator:
         """Why a message is dropped unread; None if it is not."""
         if isinstance(topic, DroneTopic) and link == FOG:
             budget = self._presence_of_drones if topic.kind in ("reachable", "clock") else self._of_drones
-            if not budget.takes(topic.drone, now_ms):
+            if not budget.takes((topic.drone, topic.kind == "commands_result"), now_ms):
                 return Log("flood", f"{message.topic}: too many of drone {topic.drone}")
         elif self.ownership.is_doubtful and topic.kind in _ASKING:
             return Log("not_born", f"{message.topic}: left to the activator that may own fog {self.fog}")

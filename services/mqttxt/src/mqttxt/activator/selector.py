@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..core.clock import stamp
-from ..core.effects import Effect, Inbound, Publish
-from ..core.floods import Repetitions
+from ..core.effects import Effect, Inbound
 from ..core.ledger import Entry
 from ..errors import PayloadError
 from ..protocol.commands import Goto
@@ -34,8 +33,8 @@ MOST_RESERVATIONS = 256
 class Choice:
     """A command for which a drone is being chosen: the list, and the index of the next drone.
 
-    `said` is the list as it was published, and `chosen` the drone that it names. `tried` are the drones of the earlier
-    offers from which this one goes on (R7.7). `is_sending`: `Selector._try_next` waits for the relay's answer.
+    `is_said`: the list was published, and names `chosen`. `tried` are the drones of the earlier offers from which this
+    one goes on (R7.7). `is_sending`: `Selector._try_next` waits for the relay's answer.
     """
 
     listed: tuple[Candidate, ...]
@@ -44,7 +43,7 @@ class Choice:
     is_sending: bool = False
     tried: frozenset[int] = frozenset()
     chosen: int | None = None
-    said: Publish | None = None
+    is_said: bool = False
 
 
 @dataclass
@@ -66,7 +65,6 @@ class Selector(Part):
         self._together = together
         self._choices: dict[CommandId, Choice] = {}
         self._reservations: dict[CommandId, Reservation] = {}
-        self._repetitions: Repetitions[CommandId] = Repetitions()
         relay.words.on_last_word = self._on_last_word
 
     def on_select(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
@@ -85,7 +83,7 @@ class Selector(Part):
         key = (wanted.mode, wanted.reservation, wanted.command)
         entry, out = self._relay.enter(wanted.as_command(), CHOSEN, key, message.retain, now_ms, signed, wanted)
         if entry is None:
-            return [*(self._said_again(wanted.id) if self._repetitions.may_answer(wanted.id, now_ms) else ()), *out]
+            return out
         if contents.is_expired and wanted.mode is not SelectMode.RELEASE:
             return [*out, *self._relay.refuse(entry, CERTIFICATE_EXPIRED, now_ms)]
         return [*out, *self._proceed(entry, wanted, wanted.command, now_ms)]
@@ -103,13 +101,12 @@ class Selector(Part):
             return self._commit(entry, wanted, now_ms)
         return self._choose(entry, wanted, command, now_ms)
 
-    def tick(self, now_ms: int) -> list[Effect]:
-        """End lapsed reservations, forget the lists of forgotten commands, and publish lists again that are due."""
+    def tick(self, now_ms: int) -> None:
+        """End lapsed reservations, and forget the lists of forgotten commands."""
         for key in [key for key, held in self._reservations.items() if now_ms > held.until_ms]:
             del self._reservations[key]
         for key in [key for key in self._choices if self._relay.ledger.get(key) is None]:
             del self._choices[key]
-        return [effect for command_id in self._repetitions.due(now_ms) for effect in self._said_again(command_id)]
 
     def _choose(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
         if self._is_overridden(entry.id):
@@ -117,14 +114,14 @@ class Selector(Part):
         tried: frozenset[int] = frozenset()
         if wanted.mode is SelectMode.OFFER and wanted.reservation is not None:
             before = self._choices.get(CommandId(wanted.gs_session, wanted.reservation))
-            if before is None or before.said is None:
+            if before is None or not before.is_said:
                 return self._relay.refuse(entry, "no_reservation", now_ms)
             tried = before.tried | {before.chosen or 0}
         listed, left_out = self._rank(wanted, command, tried, now_ms)
         choice = self._choices[entry.id] = Choice(listed, left_out, tried=tried)
         if not listed:
             reasons = "; ".join(f"drone {candidate.drone} {candidate.reason}" for candidate in left_out)
-            out = self._say(entry.id, choice, None, None, now_ms)
+            out = self._say(entry, choice, None, None, now_ms)
             return out + self._relay.refuse(entry, f"none_eligible: {reasons or 'no drones'}"[:200], now_ms)
         if wanted.mode is SelectMode.OFFER:
             return self._reserve(entry, choice, wanted, command, now_ms)
@@ -154,7 +151,7 @@ class Selector(Part):
         until_ms = now_ms + min(round(wanted.limit_s * 1000), LONGEST_HOLD_MS)
         self._reservations[entry.id] = Reservation(drone, command, until_ms)
         self._relay.ledger.close(entry, now_ms)
-        return self._say(entry.id, choice, drone, until_ms, now_ms)
+        return self._say(entry, choice, drone, until_ms, now_ms)
 
     def _commit(self, entry: Entry[Job], wanted: SelectMessage, now_ms: int) -> list[Effect]:
         held = self._reservations.pop(CommandId(wanted.gs_session, wanted.reservation or 0), None)
@@ -184,7 +181,7 @@ class Selector(Part):
         while end is None:
             drone = choice.listed[choice.next_index].drone
             choice.next_index += 1
-            out += self._say(entry.id, choice, drone, None, now_ms)
+            out += self._say(entry, choice, drone, None, now_ms)
             out += self._relay.forward(entry, drone, now_ms)
             leg = entry.record.legs[drone]
             end = self._end(entry, choice, leg, now_ms) if leg.is_closed else []
@@ -266,11 +263,11 @@ class Selector(Part):
         return self._relay.later_holds.overrides_choice(command_id.gs_session, command_id.seq)
 
     def _say(
-        self, command_id: CommandId, choice: Choice, chosen: int | None, hold_until_ms: int | None, now_ms: int
+        self, entry: Entry[Job], choice: Choice, chosen: int | None, hold_until_ms: int | None, now_ms: int
     ) -> list[Effect]:
         message = PsmiMessage(
-            gs_session=command_id.gs_session,
-            seq=command_id.seq,
+            gs_session=entry.id.gs_session,
+            seq=entry.id.seq,
             session=self._session,
             stamp=stamp(now_ms),
             listed=choice.listed,
@@ -278,12 +275,9 @@ class Selector(Part):
             chosen=chosen,
             hold_until_ms=hold_until_ms,
         )
-        choice.chosen, choice.said = chosen, self._to_cloud.publish(self._cloud.psmi, message)
-        return [*self._together.flush(now_ms), choice.said]
-
-    def _said_again(self, command_id: CommandId) -> list[Effect]:
-        choice = self._choices.get(command_id)
-        return [choice.said] if choice is not None and choice.said is not None else []
+        choice.chosen, choice.is_said = chosen, True
+        entry.record.listed = self._to_cloud.publish(self._cloud.psmi, message)
+        return [*self._together.flush(now_ms), entry.record.listed]
 
 
 def _unsigned(topic: str, payload: bytes) -> SelectContents:

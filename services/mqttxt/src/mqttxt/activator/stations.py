@@ -14,7 +14,7 @@ from ..security.cose import Envelope
 from ..security.seal import Seal
 from .births import Births
 from .drones import FOG, Drones
-from .ownership import Ownership
+from .ownership import CHALLENGER, Ownership
 from .part import Part, Site
 from .registrations import SignedRegistrations, is_question
 from .sensor_relay import SensorRelay
@@ -22,8 +22,8 @@ from .state_relay import StateRelay
 
 MOST_STATIONS = 1000
 """How many stations may be registered at a time; a further one is not answered."""
-BIRTH, RECORDS = "birth", "records"
-"""The two answers to a registration with `anew` (R6.13)."""
+BIRTH, RECORDS, BEACONS = "birth", "records", "beacons"
+"""Answers to registrations that serve all stations: to one with `anew` (R6.13), and the drones' beacons (R12.12)."""
 BIRTHS_PER_S, BIRTHS_AT_ONCE = 10, 100
 """Limits for births and wills of one station, which may have 64 sessions."""
 
@@ -47,6 +47,8 @@ class Stations(Part):
         self._states = states
         self._sensors = sensors
         self._budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
+        self._heard_budget = TokenBucket(STATION_PER_S, STATION_AT_ONCE)
+        """Words on readings have one of their own: there may be so many that registrations would lapse beside them."""
         self._births_budget = TokenBucket(BIRTHS_PER_S, BIRTHS_AT_ONCE)
         self._welcomes: Repetitions[str] = Repetitions()
         self._shown: Repetitions[str] = Repetitions()
@@ -62,6 +64,8 @@ class Stations(Part):
             message = self._signed.read(signed_topic, inbound.payload, self._leases, now_ms)
         if not self._budget.takes(message.name, now_ms):
             return [Log("flood", f"registration of {message.name}: too many")]
+        if message.name == CHALLENGER and message.lease_s == 0:
+            self._ownership.on_challenge(message.session)
         if message.anew and message.activator_session != self._session:
             return self._show(BIRTH, now_ms)
         is_new = (message.name, message.session) not in self._leases
@@ -73,31 +77,33 @@ class Stations(Part):
         if message.anew and message.lease_s > 0:
             out += self._show(RECORDS, now_ms)
         out.append(self._ownership.beacon(now_ms, message.nonce))
-        if (is_new or message.anew) and message.lease_s > 0 and self._welcomes.may_answer(message.name, now_ms):
-            out += self._welcome(message.name, now_ms)
+        if (is_new or message.anew) and message.lease_s > 0:
+            is_welcome = self._welcomes.may_answer(message.name, now_ms)
+            out += self._births.on_registered((message.name, message.session), anyway=is_welcome)
+            out += self._welcome(now_ms) if is_welcome else []
         return out
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Publish the postponed answers to stations that registered repeatedly."""
-        out = [effect for what in self._shown.due(now_ms) for effect in self._retained(what)]
-        return out + [effect for name in self._welcomes.due(now_ms) for effect in self._welcome(name, now_ms)]
+        out = [effect for what in self._shown.due(now_ms) for effect in self._answer(what, now_ms)]
+        return out + self._welcome(now_ms) if self._welcomes.due(now_ms) else out
 
     def _show(self, what: str, now_ms: int) -> list[Effect]:
-        """Publish retained messages again that the broker may not show; once per second serves all stations."""
-        return self._retained(what) if self._shown.may_answer(what, now_ms) else []
+        """Publish what the broker may not show, or ask for it; once per second serves all stations."""
+        return self._answer(what, now_ms) if self._shown.may_answer(what, now_ms) else []
 
-    def _retained(self, what: str) -> list[Effect]:
+    def _answer(self, what: str, now_ms: int) -> list[Effect]:
         if what == BIRTH:
             return self._ownership.introduction()
+        if what == BEACONS:
+            return self._drones.ask_all(now_ms)
         return [*(self._births.of_drones() if self._signed is not None else ()), *self._drones.records()]
 
-    def _welcome(self, name: str, now_ms: int) -> list[Effect]:
-        """Publish states and ranking for a new station; if messages are signed, relay its birth and ask for beacons."""
+    def _welcome(self, now_ms: int) -> list[Effect]:
+        """Publish states and ranking for a new station; if messages are signed, ask the drones for beacons."""
         self._states.qods.forget()
         out = self._states.relay_all(self._drones.links.values(), now_ms)
-        if self._signed is not None:
-            out += [*self._births.on_registered(name), *self._drones.ask_all(now_ms)]
-        return out
+        return out + self._show(BEACONS, now_ms) if self._signed is not None else out
 
     def on_presence(self, topic: StationTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A station's birth or will; where messages are signed a will frees nothing: a broker may forge it (R12.13)."""
@@ -133,7 +139,7 @@ class Stations(Part):
         signed = seal.open_of_station(signed_topic, Envelope.parse(message.payload)).before_its_end()
         if not any(f"gs-{name}" == signed.signer for name, _ in self._leases):
             raise PayloadError(f"{signed.signer}: expected a station that is registered", "not_registered")
-        if not self._budget.takes(signed.certificate.node.label, now_ms):
+        if not self._heard_budget.takes(signed.certificate.node.label, now_ms):
             return [Log("flood", f"readings that {signed.signer} has heard: too many")]
         ack = decode(ReadingAck, signed.payload)
         return self._sensors.on_heard(topic.drone, ack, signed.envelope.bare().routed(None))

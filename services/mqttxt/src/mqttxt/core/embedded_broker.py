@@ -28,6 +28,8 @@ FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
 STEADY_S = 10.0
 """After a broker ran for this long, the pause before its restart is the shortest one again."""
+ENDING_S = 3.0
+"""How long Mosquitto may take to end after SIGTERM."""
 _NO_PROCESS = (errno.EAGAIN, errno.ENOMEM)
 """The errors of a machine that has no room for a process at the moment."""
 _NO_ADDRESS = (os.strerror(errno.EADDRINUSE), os.strerror(errno.EADDRNOTAVAIL))
@@ -210,7 +212,12 @@ class EmbeddedBroker:
         finally:
             if process.returncode is None:
                 process.terminate()
-                await process.wait()
+                try:
+                    async with asyncio.timeout(ENDING_S):
+                        await process.wait()
+                except TimeoutError:
+                    process.kill()
+                    await process.wait()
 
     async def _followed(self, process: asyncio.subprocess.Process) -> tuple[int, str]:
         last_line = ""

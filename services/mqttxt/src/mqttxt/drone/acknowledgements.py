@@ -14,6 +14,7 @@ from ..protocol.messages import Word
 from ..protocol.states import FlightMode
 from .interruptions import modes_shown
 from .mavlink.mav_result import answered, percent_of, refusal
+from .mavlink.plans import AUTOPILOT_COMPONENT
 from .mavlink.vehicle import Vehicle
 from .offboard import OffboardPilot
 from .resting_numbers import AckKey, AnsweredWrite
@@ -61,10 +62,11 @@ class Acknowledgements:
         keys = [(message.command, source) for source in answered(message, self.vehicle.system_id)]
         late = next((key for key in keys if self.runs.acks.is_late(key, now_ms)), None)
         run = self.runs.awaiting(*keys) if late is None else None
+        commanded = AUTOPILOT_COMPONENT if run is None else run.plan.message.target_component
+        if message.get_srcComponent() != commanded:
+            return []
         if run is None:
             return self._on_unawaited(late or keys[0], keys, message.result, now_ms) if keys else []
-        if message.get_srcComponent() != run.plan.message.target_component:
-            return []
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
             return self._on_progress(run, percent_of(message), now_ms)
         run.acks += 1

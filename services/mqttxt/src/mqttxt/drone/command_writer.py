@@ -153,8 +153,6 @@ class CommandWriter:
 
     def await_ack(self, run: Run, now_ms: int) -> list[Output]:
         """Repeat a written command that has no acknowledgement, or end it where it must not be written again."""
-        if run.in_progress:
-            return [self.time_out(run, now_ms)] if now_ms >= run.started_ms + run.limit_ms else []
         is_taken = is_taken_over(run, self.vehicle)
         if is_taken and run.entered_mode and isinstance(run.command, Offboard):
             self.acknowledgements.rest(run, now_ms)
@@ -164,6 +162,8 @@ class CommandWriter:
             self.acknowledgements.rest(run, now_ms)
             return self.pilot.stop(run, Word.FAILED, "lease_lost", now_ms)
         run.is_outdated = run.is_outdated or is_taken or lost is not None
+        if run.in_progress:
+            return self._await_end(run, now_ms)
         if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
             return []
         if run.has_shown and run.refused is None:  # a copy could undo what a pilot did since
@@ -192,6 +192,15 @@ class CommandWriter:
         if isinstance(run.command, Offboard):
             return self.pilot.stop(run, Word.UNCONFIRMED, reason, now_ms)
         return [self.runs.end(run, Word.UNCONFIRMED, reason)]
+
+    def _await_end(self, run: Run, now_ms: int) -> list[Output]:
+        """End a command that is in progress at its limit."""
+        if now_ms < run.started_ms + run.limit_ms:
+            return []
+        if isinstance(run.command, Offboard):
+            self.acknowledgements.rest(run, now_ms)
+            return self.pilot.stop(run, Word.FAILED, "timeout", now_ms)
+        return [self.time_out(run, now_ms)]
 
     def _may_repeat(self, run: Run, now_ms: int) -> bool:
         """Whether the conditions of the first write still hold."""

@@ -152,6 +152,7 @@ class CommandDesk:
             share,
             station,
         )
+        self.order.entered(command)
         who = signed.signer if signed is not None else None
         audit = Audit("command", command, now_ms, who, self._drone, signed is not None)
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
@@ -179,7 +180,7 @@ class CommandDesk:
         limit_ms = round(command.limit_s * 1000)
         started = self.executor.start(command_id, command.command, command.deadline_ms, limit_ms, now_ms)
         if not any(isinstance(output, Said) and output.id == command_id for output in started):
-            self.order.note(command, now_ms)
+            self.order.started(command)
         return self.answers.give(started, now_ms)
 
     def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:

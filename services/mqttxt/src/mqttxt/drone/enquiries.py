@@ -37,14 +37,16 @@ _RATES_HZ = {
 class Enquiries:
     """The requests to one autopilot. After its first heartbeat it has `PATIENCE_MS` to send streams unasked.
 
-    Home is requested at once: PX4 sends it every two seconds, and no drone takes off without it.
+    Home is requested at once: PX4 sends it every two seconds, and no drone takes off without it. `asked_hz` gets the
+    requested rates, by the kind of message.
     """
 
-    def __init__(self, vehicle: Vehicle, all_states: bool = False) -> None:
+    def __init__(self, vehicle: Vehicle, asked_hz: dict[str, float] | None = None, all_states: bool = False) -> None:
         self._vehicle = vehicle
         self._all_states = all_states
         self._rates_hz = {**_RATES_HZ, "gps": _GPS_HZ} if all_states else _RATES_HZ
         self._streamed = {name: SOURCES[name] for name in (*self._rates_hz, "home")}
+        self._asked_hz = {} if asked_hz is None else asked_hz
         self._asked: dict[str, tuple[int, int]] = {}
         self._first_ms: int | None = None
 
@@ -64,7 +66,7 @@ class Enquiries:
             missing.append("version")
         if alive_ms >= PATIENCE_MS:
             enough_ms = min(SILENT_MS, alive_ms)
-            silent = self._vehicle.silent(self._streamed, now_ms - enough_ms)
+            silent = self._vehicle.arrivals.silent(self._streamed, now_ms - enough_ms)
             if silent:
                 passed_over = {*missing, *self._unwanted()}
                 missing += [name for name in silent if name not in passed_over]
@@ -97,6 +99,7 @@ class Enquiries:
             return command_long(self._vehicle, mavlink.MAV_CMD_REQUEST_MESSAGE, float(_MESSAGES[name]))
         if name in self._rates_hz:
             message_id, rate_hz = self._rates_hz[name]
+            self._asked_hz[SOURCES[name]] = rate_hz
             return command_long(self._vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
         system = self._vehicle.system_id
         return mavlink.MAVLink_param_request_read_message(system, AUTOPILOT_COMPONENT, name.encode(), param_index=-1)

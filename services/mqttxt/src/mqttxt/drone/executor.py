@@ -183,6 +183,8 @@ class Executor:
         self._pilot.unsure_after = self.vehicle.number
         for run in self._runs:
             run.is_outdated = run.is_outdated or run.phase is Phase.SENT
+            if run.preparation is not None:
+                run.preparation.is_outdated = run.preparation.may_have_changed
         self.plans.stood_still()
         self._settings.stood_still()
 

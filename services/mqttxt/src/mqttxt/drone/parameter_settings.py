@@ -55,7 +55,7 @@ class ParameterSettings:
         if not self._vehicle.is_alive(now_ms):
             return [Said(command_id, Word.DENIED, "no_autopilot")]
         name, bytewise = command.parameter, self._vehicle.autopilot.bytewise
-        steps = assign(self._vehicle.system_id, name, command.value, bytewise, self._limits.ranges.get(name))
+        steps = assign(self._vehicle.system_id, name, command.value, bytewise, self._limits.range_of(name))
         restarts = self._vehicle.boots.restarts
         self._settings.append(_Setting(command_id, name, Exchange(steps), deadline_ms, now_ms + limit_ms, restarts))
         return self._begin_next(now_ms)

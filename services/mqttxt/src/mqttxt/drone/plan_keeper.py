@@ -142,7 +142,8 @@ class PlanKeeper:
         if lost is not None:
             return out + self._end(job, now_ms, Word.UNCONFIRMED if job.is_begun else Word.DENIED, lost)
         if job.ends_ms and now_ms >= job.ends_ms:
-            return out + self._end(job, now_ms, Word.FAILED, "partial, timeout" if job.is_begun else "timeout")
+            is_partial = job.is_begun and job.changes_lists
+            return out + self._end(job, now_ms, Word.FAILED, "partial, timeout" if is_partial else "timeout")
         return out + self._write(job, job.exchange.tick(now_ms), now_ms)
 
     def _drop_ended_starts(self) -> None:

@@ -51,7 +51,7 @@ class Preparer:
             prepared = run.preparation = Preparation(mode, before, number, now_ms)
         elif now_ms > prepared.since_ms + PREPARE_MS:
             return [self.runs.end(run, Word.DENIED, "mode_changed" if prepared.accepted else "wrong_mode")]
-        elif prepared.accepted or now_ms < run.last_send_ms + AGAIN_MS:
+        elif prepared.accepted or prepared.is_outdated or now_ms < run.last_send_ms + AGAIN_MS:
             return []
         message = self.vehicle.autopilot.set_mode(self.vehicle, mode)
         key = message.command, Source.COMPANION

@@ -21,10 +21,10 @@ from .mavlink.vehicle import LOST_MS, SOURCES, Vehicle
 from .streams import Streams
 from .texts import Texts
 
-_SELDOM = dict.fromkeys((Home.name, Mission.name, Fence.name), "HEARTBEAT")
+_SELDOM = frozenset({Home.name, Mission.name, Fence.name})
 """States whose messages may be rare."""
-_SHOWN_BY = {**dict.fromkeys(STATES, "HEARTBEAT"), **SOURCES, **_SELDOM}
-"""The message of each state: after it has stopped the state is not known any more."""
+_STREAMED = frozenset(SOURCES) - _SELDOM
+"""States that are not known any more once no message has carried a value of them; others end with the heartbeats."""
 
 
 class PublishedStates:
@@ -71,8 +71,12 @@ class PublishedStates:
 
     def _leave_out(self, now_ms: int) -> frozenset[str]:
         """Set the states that the throttle leaves out; returns those that are not known any more (R3.5)."""
-        silence_ms = self._vehicle.silence_ms
-        lost = frozenset(name for name, kind in _SHOWN_BY.items() if silence_ms(kind, now_ms) > LOST_MS)
+        is_silent = self._vehicle.arrivals.silence_ms("HEARTBEAT", now_ms) > LOST_MS
+        lost = frozenset(
+            name
+            for name in STATES
+            if (self._vehicle.age_ms(name, now_ms) > LOST_MS if name in _STREAMED else is_silent)
+        )
         self.throttle.apart = self._unasked | self._streams.names | lost
         return lost
 

@@ -72,7 +72,8 @@ class Acks:
     def expect(self, key: AckKey, now_ms: int, owner: CommandId | None = None) -> None:
         """The client wrote a message of its own, for `owner` or no command; no run waits for its answer."""
         self._rests_until_ms[key] = until_ms = now_ms + STRAY_ACK_MS
-        self._own[key].append(Expected(AnsweredWrite.OWN, owner, until_ms))
+        awaited = [one for one in self._own[key] if now_ms < one.until_ms]
+        self._own[key] = [*awaited, Expected(AnsweredWrite.OWN, owner, until_ms)]
 
     def expect_second(self, key: AckKey, owner: CommandId | None, now_ms: int) -> None:
         """An accepted write may be acknowledged once more, before all later writes."""

@@ -105,7 +105,7 @@ class UavClient:
             drone, session, self._channel, self.topics, self._streams, self.vehicle, policies, options.all_states
         )
         self._control = SessionControl(drone, session, self._channel, self.desk, owners)
-        self._enquiries = Enquiries(self.vehicle, options.all_states)
+        self._enquiries = Enquiries(self.vehicle, self._streams.client_hz, options.all_states)
         self._endurance = EnduranceMeter(self.vehicle, options.endurance_s)
         self._awaited_subacks = 0
         self._next_beacon_ms = 0

@@ -57,7 +57,8 @@ UNSENT = (Phase.WAITING, Phase.PREPARING, Phase.PRIMING)
 class Preparation:
     """A mode that is commanded before a command, and the answers to its writes so far.
 
-    `before`, `number` and `since_ms`: the mode, the newest message and the time at the first write.
+    `before`, `number` and `since_ms`: the mode, the newest message and the time at the first write. `is_outdated`: the
+    process stood still, and an answer may be lost.
     """
 
     mode: FlightModeName
@@ -68,6 +69,7 @@ class Preparation:
     accepted: int = 0
     refusals: int = 0
     is_entered: bool = False
+    is_outdated: bool = False
 
     def on_answer(self, is_accepted: bool, is_second: bool) -> None:
         """Count an acknowledgement of a write; `is_second`: of one that was accepted before."""

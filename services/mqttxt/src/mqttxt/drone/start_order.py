@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from ..core.ledger import KEEP_MS
+from ..core.highest import Highest
+from ..core.ledger import CAPACITY, OVERRIDING
+from ..core.overriding import SAFETY
 from ..protocol.messages import CommandMessage
-
-MOST_SESSIONS = 1000
-"""Above this number, sessions without a command in the last ten minutes are forgotten."""
 
 
 class StartOrder:
-    """The newest started command of each station's session, kept while an older one may still be in time."""
+    """The newest command of each station's session that was started, and its newest hold, land or return.
+
+    Each of them is in the ledger while an older command may still be in time, so no session has to make room too early.
+    """
 
     def __init__(self) -> None:
-        self._highest: dict[int, tuple[int, int]] = {}
+        self._started = Highest[int](CAPACITY)
+        self._halting = Highest[int](CAPACITY)
 
-    def note(self, command: CommandMessage, now_ms: int) -> None:
+    def entered(self, command: CommandMessage) -> None:
+        """Note that the ledger has taken a command, which may be denied."""
+        if isinstance(command.command, OVERRIDING):
+            self._halting.note(command.gs_session, command.seq)
+
+    def started(self, command: CommandMessage) -> None:
         """Note that a command was started."""
-        self._highest[command.gs_session] = (command.seq, now_ms)
-        if len(self._highest) > MOST_SESSIONS:
-            recent = {session: at for session, at in self._highest.items() if now_ms - at[1] <= KEEP_MS}
-            self._highest = recent
+        self._started.note(command.gs_session, command.seq)
 
     def is_overtaken(self, command: CommandMessage) -> bool:
-        """Whether a newer command of its station's session was started."""
-        return command.seq < self._highest.get(command.gs_session, (-1, 0))[0]
+        """Whether a newer command of its station's session was started or, unless it stops the drone, a newer hold,
+        land or return has come.
+        """
+        is_halted = command.seq < self._halting.of(command.gs_session) and not isinstance(command.command, SAFETY)
+        return is_halted or command.seq < self._started.of(command.gs_session)

@@ -47,6 +47,8 @@ class Streams:
         self._vehicle = vehicle
         self.names: frozenset[str] = frozenset()
         """The states that are published at a requested rate."""
+        self.client_hz: dict[str, float] = {}
+        """The rates that the UAV client asks for itself, by the kind of message: none is given up with a stream."""
         self._turns: dict[str, Turn] = {}
         self._by_kind: dict[str, list[str]] = {}
         self._asked_hz: dict[str, float] = {}
@@ -79,14 +81,17 @@ class Streams:
             self._index()
 
     def on_message(self, message: Any, now_ms: int) -> list[State]:
-        """The states to publish after a message, by which the vehicle was updated before."""
+        """The states to publish after a message, by which the vehicle was updated before: those it had a value of."""
         kind = message.get_type()
         names = self._by_kind.get(kind)
         if names is None or not self._vehicle.is_own(message):
             return []
-        due = [name for name in names if self._turns[name].is_due(now_ms)]
+        states, number = self._vehicle.states, self._vehicle.number
+        told = {name for name in names if name in states and states[name].number == number}
+        carried = [name for name in names if name in told or name.startswith(MAVLINK_STATE)]
+        due = [name for name in carried if self._turns[name].is_due(now_ms)]
         raw = [state_of(message) for name in due if name.startswith(MAVLINK_STATE)]
-        vital = [self._vehicle.states[name].state for name in due if name in self._vehicle.states]
+        vital = [states[name].state for name in due if name in told]
         return [*raw, *vital]
 
     def reminders(self, now_ms: int) -> list[Any]:
@@ -95,7 +100,7 @@ class Streams:
             return []
         self._next_reminder_ms = now_ms + REMINDER_MS
         asked = self._asked_hz.items()
-        return [self._interval(kind, hz) for kind, hz in asked if self._vehicle.rate_hz(kind, now_ms) < hz / 2]
+        return [self._interval(kind, hz) for kind, hz in asked if self._vehicle.arrivals.rate_hz(kind, now_ms) < hz / 2]
 
     def due(self, now_ms: int) -> list[str]:
         """The due states that no message carries."""
@@ -128,13 +133,14 @@ class Streams:
     def _question(self, kind: str, wanted_hz: float, now_ms: int) -> float | None:
         """The rate to request of the autopilot: 0 is its own, None if no request is needed."""
         if kind not in self._asked_hz:
-            own_hz = self._vehicle.rate_hz(kind, now_ms)
+            own_hz = self._vehicle.arrivals.rate_hz(kind, now_ms)
             if own_hz >= ENOUGH * wanted_hz:
                 return None
             self._default_hz[kind] = own_hz
             return wanted_hz
         if ENOUGH * wanted_hz <= self._default_hz[kind]:
-            return 0.0
+            own_hz = self.client_hz.get(kind, 0.0)
+            wanted_hz = own_hz if own_hz >= ENOUGH * self._default_hz[kind] else 0.0
         return None if wanted_hz == self._asked_hz[kind] else wanted_hz
 
     def _interval(self, kind: str, rate_hz: float) -> Any:
@@ -159,4 +165,4 @@ def source_of(name: str) -> str | None:
 
 def _shows(kind: str | None, vehicle: Vehicle, after: int) -> bool:
     """Whether a message of the kind came after number `after`; true without a kind."""
-    return kind is None or vehicle.number_of(kind) > after
+    return kind is None or vehicle.arrivals.number_of(kind) > after

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict, deque
 from typing import Any
 
 from ..protocol.states import AutopilotText, Severity
@@ -22,7 +22,7 @@ class Texts:
 
     def __init__(self) -> None:
         self._waiting: deque[AutopilotText] = deque()
-        self._told_ms: dict[AutopilotText, int] = {}
+        self._told_ms: OrderedDict[AutopilotText, int] = OrderedDict()
         self._parts = StatusTexts()
         self._part_ms = 0
         self._next_ms = 0
@@ -45,9 +45,10 @@ class Texts:
 
     def _queue(self, texts: list[tuple[int, str]], now_ms: int) -> None:
         """Queue texts, unless they are repetitions."""
+        while self._told_ms and now_ms - next(iter(self._told_ms.values())) >= AGAIN_MS:
+            self._told_ms.popitem(last=False)
         for severity, said in texts:
             text = AutopilotText(Severity(severity), said)
-            self._told_ms = {told: at_ms for told, at_ms in self._told_ms.items() if now_ms - at_ms < AGAIN_MS}
             if text in self._told_ms:
                 continue
             self._told_ms[text] = now_ms

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from numbers import Integral
 
 from ..errors import ConfigurationError, PayloadError
 
@@ -67,10 +68,11 @@ def check_station_name(name: str) -> str:
 
 
 def check_number(what: str, value: int, most: int = MAX_FOG) -> int:
-    """A fog's or drone's number. Raises ConfigurationError outside 1..most."""
-    if not 1 <= value <= most:
-        raise ConfigurationError(f"{what} {value}: expected a whole number from 1 to {most}")
-    return value
+    """A fog's or drone's number. Raises ConfigurationError outside 1..most, and for what is no whole number."""
+    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not is_whole or not 1 <= value <= most:
+        raise ConfigurationError(f"{what} {value!r}: expected a whole number from 1 to {most}")
+    return int(value)
 
 
 def check_kind(kind: str) -> str:

@@ -174,10 +174,13 @@ def _text(mark: Text) -> Converters:
             refuse(path, NAME_EXPECTED, plain)
         return plain
 
-    def to_plain(value: Any, _: Encoding) -> str:
+    def cut(value: Any, _: Encoding) -> str:
         return str(value)[: mark.longest].encode(errors="replace").decode()
 
-    return to_plain, from_plain
+    def checked(value: Any, encoding: Encoding) -> str:
+        return from_plain(value, encoding, "field")
+
+    return checked if isinstance(mark, Name) else cut, from_plain  # a name that was cut would be another one
 
 
 def _binary(mark: Binary) -> Converters:

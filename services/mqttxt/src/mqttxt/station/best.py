@@ -13,7 +13,7 @@ from ..protocol.commands import Command
 from ..protocol.messages import Word
 from ..protocol.rankings import Candidate, SelectMode
 from ..protocol.words import PASSED_OVER
-from .commands import check_limit
+from .commands import check_limit, ttl_ms_of
 from .heard import SentCommand
 from .outcomes import Outcome, PsmiList
 from .process import StationRunner
@@ -42,23 +42,26 @@ def best(places: Sequence[Place], command: Command, ttl_s: float, limit_s: float
         return runner.select(fog, command, SelectMode.SELECT, ttl_s, limit_s)
     check_limit(limit_s)
     runners = {runner: runner.station.commands.overriding_seq for runner, _ in places}
+    latest_ms = runner.clock.now_ms() + 2 * ttl_ms_of(ttl_s)
     asked = _ask(places, command, ttl_s, ttl_s)
-    return asked[0][0].choices.begin(_choose(command, asked, runners, ttl_s, limit_s))
+    return asked[0][0].choices.begin(_choose(command, asked, runners, runner.clock, latest_ms, ttl_s, limit_s))
 
 
 async def _choose(
     command: Command,
     asked: list[tuple[StationRunner, Asked]],
     stopped_before: dict[StationRunner, int],
+    clock: SessionClock,
+    latest_ms: int,
     ttl_s: float,
     limit_s: float | None,
 ) -> AsyncIterator[Outcome | PsmiList]:
     """Choose by the fogs' offers; yields the events from those to the last word of the drone that was sent.
 
-    `stopped_before` has the number of each station's last hold, land or return before the choice.
+    `stopped_before` has the number of each station's last hold, land or return before the choice. Nobody is sent after
+    `latest_ms` of the clock, whenever the offers came: a process that stood still finds them in its socket.
     """
     held: list[Offer] = []
-    clock = asked[0][0].clock
     try:
         offers = await _answers(asked, ttl_s / 2)
         if not any(_reserved(answer) for answer in offers):
@@ -71,30 +74,43 @@ async def _choose(
         lists = [event for _, event in offers if isinstance(event, PsmiList)]
         if not held and len(lists) == len(offers):  # the words of the fogs have not come
             yield _ended(lists[0], command, _NONE_ELIGIBLE)
-        start_until_ms = clock.now_ms() + round(ttl_s * 1000)
+        start_until_ms = min(clock.now_ms() + ttl_ms_of(ttl_s), latest_ms)
+
+        def end() -> str | None:
+            """Why nobody is sent any more."""
+            if clock.now_ms() >= start_until_ms:
+                return Word.EXPIRED.label
+            return _CANCELLED if _is_overridden(stopped_before) else None
+
         while held:
             offer = min(held, key=_arrival)
             runner, chosen = offer
-            if _is_overridden(stopped_before):
-                yield _ended(chosen, command, _CANCELLED)
+            if (reason := end()) is not None:
+                yield _ended(chosen, command, reason)
                 return
             held.remove(offer)
             last = None
+            left_s = _left_s(clock, start_until_ms)
             try:
-                async for event in _commit(offer, command, _left_s(clock, start_until_ms), limit_s):
+                sent = runner.select(
+                    chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq, chosen.chosen
+                )
+            except MqttxtError:  # it was not sent
+                if not held:
+                    raise
+                last = Word.UNREACHABLE
+            else:
+                async for event in sent:
+                    if isinstance(event, PsmiList):  # the offer had the list
+                        continue
                     last = Word.UNCONFIRMED if runner.station.is_doubtful(event) else event.word
                     if last not in PASSED_OVER:
                         _release(command, held)  # the drone may fly, so no other is sent
                     yield event
-            except FogUnreachable:  # it was not sent
-                if not held:
-                    raise
-                last = Word.UNREACHABLE
             if last not in PASSED_OVER:
                 return
-            is_late = clock.now_ms() >= start_until_ms
-            if is_late or _is_overridden(stopped_before):
-                yield _ended(chosen, command, Word.EXPIRED.label if is_late else _CANCELLED)
+            if (reason := end()) is not None:
+                yield _ended(chosen, command, reason)
                 return
             for answer in await _next_offer(offer, command, _left_s(clock, start_until_ms)):
                 held += _reserved(answer)
@@ -119,21 +135,11 @@ def _left_s(clock: SessionClock, start_until_ms: int) -> float:
     return max(_SHORTEST_S, (start_until_ms - clock.now_ms()) / 1000)
 
 
-async def _commit(offer: Offer, command: Command, left_s: float, limit_s: float | None) -> AsyncIterator[Outcome]:
-    """Send the command to the drone that a fog has reserved; raises FogUnreachable where the fog is gone."""
-    runner, chosen = offer
-    async for event in runner.select(
-        chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq, chosen.chosen
-    ):
-        if isinstance(event, Outcome):  # the offer had the list
-            yield event
-
-
 async def _next_offer(tried: Offer, command: Command, left_s: float) -> list[Answer]:
     """A fog's next offer, without the drone that refused; half of the time that is left is kept for the commit."""
     runner, before = tried
     wait_s = max(_SHORTEST_S, left_s / 2)
-    with contextlib.suppress(FogUnreachable):
+    with contextlib.suppress(MqttxtError):
         return await _answers(_ask([(runner, before.fog)], command, wait_s, left_s, before.id.seq), wait_s)
     return []
 
@@ -181,15 +187,30 @@ def _ask(
 
 
 async def _answers(asked: list[tuple[StationRunner, Asked]], limit_s: float) -> list[Answer]:
-    """The fogs' answers within a time: lists with their reservations, or the reason why there is none."""
+    """The fogs' answers within a time: lists with their reservations, or the reason why there is none.
+
+    Raises the first one's error where every station that was asked has ended.
+    """
     answers = await asyncio.gather(*(_answer(one, limit_s) for _, one in asked))
-    return [(runner, event) for (runner, _), answer in zip(asked, answers, strict=True) for event in answer]
+    ended = [answer for answer in answers if isinstance(answer, MqttxtError)]
+    if len(ended) == len(answers):
+        raise ended[0]
+    return [
+        (runner, event)
+        for (runner, _), answer in zip(asked, answers, strict=True)
+        if not isinstance(answer, MqttxtError)
+        for event in answer
+    ]
 
 
-async def _answer(asked: Asked, limit_s: float) -> list[Outcome | PsmiList]:
+async def _answer(asked: Asked, limit_s: float) -> list[Outcome | PsmiList] | MqttxtError:
     heard: list[Outcome | PsmiList] = []
-    with contextlib.suppress(TimeoutError):
+    try:
         async with asyncio.timeout(limit_s):
             async for event in asked:
                 heard.append(event)
+    except TimeoutError:
+        pass
+    except MqttxtError as error:
+        return error
     return heard

@@ -64,7 +64,7 @@ class StationCommands:
             self._signer = CommandSigner(channel.seal, channel.settings.encoding)
         self._seq = 0
         self.overriding_seq = -1
-        """The sequence number of the last hold, land or return."""
+        """The sequence number of the last hold, land or return, sent or not."""
         self._later_holds = LaterHolds()
 
     def send(
@@ -84,6 +84,9 @@ class StationCommands:
         """
         if drone is None and not isinstance(command, BROADCASTABLE):
             raise ConfigurationError(f"broadcast {command.name}: expected a command that is the same for every drone")
+        if isinstance(command, OVERRIDING):  # also if it cannot be sent: nothing older is repeated past it
+            self.overriding_seq = self._seq + 1
+            self._later_holds.note(fog.number, drone, self.overriding_seq)
         if self._signer is not None and drone is not None:
             self._signer.check(fog, drone, command)
         common = self._addressed(fog, command, ttl_ms, limit_s, now_ms)
@@ -93,9 +96,6 @@ class StationCommands:
         pending = self._pend(fog, drone, message, topic, signed, ttl_ms, now_ms)
         pending.roster = None if drone is None else (drone,)
         pending.signed_for = tuple(signed.entries) if signed is not None else ()
-        if isinstance(command, OVERRIDING):
-            self.overriding_seq = message.seq
-            self._later_holds.note(fog.number, drone, message.seq)
         return message.id, [pending.publish]
 
     def select(
@@ -263,7 +263,7 @@ class StationCommands:
         if isinstance(pending.command, SAFETY) or pending.mode is SelectMode.RELEASE:
             return True
         if pending.mode is not None:
-            return pending.id.seq > self.overriding_seq
+            return pending.id.seq >= self.overriding_seq
         return not self._later_holds.overrides(pending.fog, pending.drone, pending.id.seq)
 
     def sign_again(self) -> None:

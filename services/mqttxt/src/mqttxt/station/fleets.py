@@ -14,9 +14,9 @@ from ..protocol.commands import Command
 from ..protocol.names import MAX_DRONE, NAME, parse_in_fleet
 from .best import best
 from .ground_station import GroundStation
-from .heard import EventStream, Record, SentCommand
-from .outcomes import Event, Outcome, PsmiList
-from .process import StationRunner
+from .heard import Events, EventStream, SentCommand
+from .outcomes import Outcome, PsmiList
+from .process import StationRunner, leave
 from .views import TTL_S, Drone, Fog
 
 _LEVEL = re.compile(f"(?![0-9]+$){NAME}")
@@ -78,11 +78,7 @@ class Fleets:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         runners = self._runners
-        try:
-            for runner in runners:
-                await runner.choices.end()  # they release their reservations, in other fleets too
-        finally:
-            await asyncio.gather(*(runner.leave() for runner in runners))
+        await leave(*runners)
         if error is None:
             for runner in runners:
                 runner.result()
@@ -193,7 +189,8 @@ class Fleets:
         Parameters:
             command: a `Goto`.
             fogs: the fogs among which to choose; None: all that `connect` was called with.
-            ttl_s: seconds within which the execution must start, at most 60; among several fogs from their offers on.
+            ttl_s: seconds within which the execution must start, at most 60; among several fogs from their offers on,
+                for which `best` waits as long at the most.
             limit_s: seconds within which the execution must end; None: the command's own limit.
 
         Raises:
@@ -219,7 +216,7 @@ class Fleets:
         return self._stations[fleet]
 
 
-class _Joined(Record[Event]):
+class _Joined(Events):
     """The events of several stations; it ends with the last station, with the first error."""
 
     def __init__(self, stations: int) -> None:

@@ -35,10 +35,11 @@ NOT_SHOWN_MS = 1000
 
 @dataclass(frozen=True)
 class Asked:
-    """A registration whose nonce may be echoed: when it was sent, and its number among this station's at the fog."""
+    """A registration that may be echoed: when it was sent, its number at the fog, and whether it only asks."""
 
     at_ms: int
     number: int
+    is_question: bool
 
 
 class FogView:
@@ -73,7 +74,6 @@ class FogView:
         self._confirmed_ms = 0
         self._next_registration_ms = 0
         self._registered_ms = 0
-        self._questioned_ms: int | None = None
         self._ranked: tuple[int, int] | None = None
         """The stamp of the newest ranking in the activator's session, and when it arrived."""
         self._asking: Retry | None = None
@@ -153,7 +153,7 @@ class FogView:
         self.clock.observe(beacon, now_ms, asked_ms)
         if asked is not None:
             self._given_up = {drone: said for drone, said in self._given_up.items() if said >= asked.number}
-        if asked_ms is not None and asked_ms == self._questioned_ms:
+        if asked is not None and asked.is_question:
             self._next_registration_ms = now_ms  # a signed registration needs the clock, which is known now
             return self._review(now_ms), False
         confirmed = asked_ms is not None and not self.registered
@@ -263,15 +263,15 @@ class FogView:
         """
         nonce = secrets.randbelow(2**32)
         self._counter += 1
-        self._nonces[nonce] = Asked(now_ms, self._counter)
-        while len(self._nonces) > 8:
-            del self._nonces[next(iter(self._nonces))]
         self._registered_ms = now_ms
         is_signed = self.channel.seal is not None
         self._next_registration_ms = now_ms + (RENEWAL_MS if self.registered else RESEND_FIRST_MS)
         until_ms = self.clock.deadline_ms(now_ms, LEASE_S * 1000) if self.clock is not None else None
         if is_signed and until_ms is None:
-            lease_s, self._questioned_ms = 0, now_ms
+            lease_s = 0
+        self._nonces[nonce] = Asked(now_ms, self._counter, is_question=lease_s == 0 and not self.registered)
+        while len(self._nonces) > 8:
+            del self._nonces[next(iter(self._nonces))]
         control = self.control
         if control is Control.NONE and self.claimed and not take:
             control, drones = Control.WANT, drones or tuple(sorted(self.claimed))

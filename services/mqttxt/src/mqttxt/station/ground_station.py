@@ -21,7 +21,7 @@ from ..security.names import Kind
 from .best import best
 from .heard import EventStream, SentCommand
 from .outcomes import Outcome, PsmiList
-from .process import StationRunner
+from .process import StationRunner, check_timeout, leave
 from .readiness import missing, share_list, signs_otherwise
 from .role import StationRole
 from .views import TAKEOVER_S, TTL_S, Drone, Fog
@@ -82,6 +82,8 @@ class GroundStation:
     ) -> None:
         if qos not in (0, 1):
             raise ConfigurationError(f"qos {qos}: expected 0 or 1")
+        if not isinstance(encoding, Encoding):
+            raise ConfigurationError(f"encoding {encoding!r}: expected Encoding.CBOR or Encoding.JSON")
         if ssl_context is not None and identity is not None:
             raise ConfigurationError("ssl_context: expected none beside identity")
         own: Identity | None = None
@@ -126,7 +128,7 @@ class GroundStation:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self._runner.leave()
+        await leave(self._runner)
         if error is None:
             self._runner.result()
 
@@ -146,6 +148,7 @@ class GroundStation:
         """
         runner = self._runner
         numbers = [check_number("fog", number) for number in fogs]
+        check_timeout(timeout_s)
         if not runner.has_begun:
             raise ConfigurationError("connect: expected a station that was entered, by `async with GroundStation(…)`")
         runner.check()
@@ -261,12 +264,13 @@ class GroundStation:
         commands are signed, each fog reserves its best drone and the best of these gets the command; after a definite
         no, the next. `async for` yields PSMI's lists too. If no drone was sent, the answer has no `drone` but a reason.
         The choice goes on, awaited or not, until a drone is sent or `ttl_s` has passed; `Hold`, `Land` or `Return` from
-        this station ends it.
+        this station ends it, also one that could not be sent.
 
         Parameters:
             command: a `Goto`.
             fogs: the fogs among which to choose, or their numbers; None: all that `connect` was called with.
-            ttl_s: seconds within which the execution must start, at most 60; among several fogs from their offers on.
+            ttl_s: seconds within which the execution must start, at most 60; among several fogs from their offers on,
+                for which `best` waits as long at the most.
             limit_s: seconds within which the execution must end; None: the command's own limit.
 
         Raises:
@@ -282,6 +286,8 @@ class GroundStation:
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = TAKEOVER_S) -> None:
         """Take control of a fog's drones from any holder; the drones' records tell all stations.
+
+        A station with `control=False` or drones' numbers keeps those alone that it wants or has claimed.
 
         Parameters:
             fog: the fog's number.

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Generator, Sequence
+from collections.abc import AsyncIterator, Callable, Generator, Hashable, Sequence
 from typing import Generic, TypeVar
 
-from .outcomes import Event
+from ..protocol.states import AutopilotText
+from .outcomes import Event, QodsRanking, StateUpdate
+
+MOST_WAITING = 50_000
+"""How many events wait for a slow reader before states that newer ones have replaced are left out."""
 
 Answer = TypeVar("Answer")
 Heard = TypeVar("Heard")
@@ -53,11 +57,42 @@ class Record(Generic[Heard]):
         """Wait for more than `count` words. Returns False at a regular end; raises the error of any other end."""
         while len(self.said) <= count:
             if self._error is not None:
-                raise self._error
+                raise self._error.with_traceback(None)  # which would grow with each wait
             if self._has_ended:
                 return False
             await self._bell.wait()
         return True
+
+
+class Events(Record[Event]):
+    """The events that wait for their reader. Where too many do, of each state and ranking only the newest waits."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._most = MOST_WAITING
+
+    def hear(self, said: Event) -> None:
+        super().hear(said)
+        if len(self.said) > self._most:
+            self._thin()
+
+    def _thin(self) -> None:
+        """Leave out what a newer event replaces; twice as many as are left may wait until the next time."""
+        seen: set[Hashable] = set()
+        kept: deque[Event] = deque()
+        for event in reversed(self.said):
+            replaced_by = _replaced_by(event)
+            if replaced_by is None or replaced_by not in seen:
+                kept.appendleft(event)
+                seen.add(replaced_by)
+        self.said, self._most = kept, max(MOST_WAITING, 2 * len(kept))
+
+
+def _replaced_by(event: Event) -> Hashable:
+    """What a newer event has in common with one that it replaces; None where each event counts."""
+    if isinstance(event, StateUpdate) and not isinstance(event.state, AutopilotText):
+        return event.fleet, event.fog, event.drone, event.state.name
+    return (event.fleet, event.fog) if isinstance(event, QodsRanking) else None
 
 
 class SentCommand(Generic[Answer, Heard]):
@@ -107,10 +142,11 @@ class EventStream:
     """Every event of a ground station from the call of `GroundStation.events` on, as an asynchronous iterator.
 
     It ends with the station. Where the broker ended the station, it raises BrokerRefused after the last event. A stream
-    that is no longer used need not be closed.
+    that is no longer used need not be closed. One whose reader is slow keeps every event up to 50,000; beyond that, of
+    each state of a drone, but its autopilot's texts, and of each fog's ranking the newest alone. It loses no other one.
     """
 
-    def __init__(self, record: Record[Event]) -> None:
+    def __init__(self, record: Events) -> None:
         self._record = record
 
     def __aiter__(self) -> EventStream:

@@ -87,8 +87,8 @@ class LogDownload:
 
         await self._runner.transfer(waited, None, tell)
         part = _Part(self._path, waited.hash, waited.size)
-        start = await asyncio.to_thread(part.open)
         try:
+            start = await asyncio.to_thread(part.open)
             pieces = LogPieces(waited, start, self._most_bytes_s)
 
             async def keep() -> None:
@@ -111,7 +111,8 @@ class LogDownload:
 class _Part:
     """The received bytes of a log that a hash names, in a hidden file beside its target. Every method blocks.
 
-    A cancelled download closes it while a thread may still be about to write: its descriptor is then another file's.
+    A cancelled download closes it while a thread may be about to open it, or to write: its descriptor is then another
+    file's.
 
     Raises ConfigurationError for a disk error; the received bytes are kept for another attempt.
     """
@@ -120,11 +121,14 @@ class _Part:
         self._target, self._hash, self._size = target, hash, size
         self._path = target.with_name(f".{target.name}.{hash.hex()}.part")
         self._file = -1
+        self._is_closed = False
         self._lock = threading.Lock()
 
     def open(self) -> int:
         """Open the hidden file; returns its size. Those of other logs for the same target are removed."""
-        with self._changing():
+        with self._lock, self._changing():
+            if self._is_closed:
+                return 0
             for other in self._target.parent.glob(f".{glob.escape(self._target.name)}.*.part"):
                 if other != self._path:
                     other.unlink()
@@ -143,8 +147,9 @@ class _Part:
 
     def close(self) -> None:
         with self._lock:
-            file, self._file = self._file, -1
-            os.close(file)
+            file, self._file, self._is_closed = self._file, -1, True
+            if file >= 0:
+                os.close(file)
 
     def finish(self, size: int) -> bool:
         """Unpack it into the target, a log of `size` bytes. False, and it is removed, if its hash is wrong."""

@@ -11,6 +11,7 @@ from ..protocol.messages import CommandId, Word
 from ..protocol.names import in_fleet
 from ..protocol.rankings import Candidate, Ranked
 from ..protocol.states import State
+from ..protocol.words import PASSED_OVER
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,12 @@ class Outcomes(tuple[Outcome, ...]):
 
 
 def last_word(said: Sequence[object]) -> Outcome:
-    """The last word on a command to one drone; of a choice that sent none, the outcome that says why."""
-    return [outcome for outcome in said if isinstance(outcome, Outcome) and outcome.is_last][-1]
+    """The last word on a command to one drone; of a choice that sent none, the outcome that says why.
+
+    Of the drones of a choice it is the one that has the command: others may deny it later (R7.8).
+    """
+    last = [outcome for outcome in said if isinstance(outcome, Outcome) and outcome.is_last]
+    return next((outcome for outcome in reversed(last) if outcome.word not in PASSED_OVER), last[-1])
 
 
 @dataclass(frozen=True)

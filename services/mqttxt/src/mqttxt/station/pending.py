@@ -63,8 +63,12 @@ class Pending:
         return True
 
     def open_drones(self) -> list[int]:
-        """The drones without a last word: of the roster or, while that is not known, of those that answered."""
-        concerned = self.words if self.roster is None else self.roster
+        """The drones without a last word: of the roster or, while that is not known, of those that answered.
+
+        Once a drone that PSMI sent has ended the choice, those that have said nothing were passed over before (R7.6).
+        """
+        is_over = self.choosing and any(_ends_a_choice(word) for word in self.words.values())
+        concerned = self.words if self.roster is None or is_over else self.roster
         return [n for n in concerned if n not in self.words or not self.words[n].is_last]
 
     def hear(self, outcome: Outcome, qos: int, now_ms: int) -> list[Log | Outcome]:
@@ -130,4 +134,9 @@ class Pending:
             return False
         if self.roster is None or self.open_drones():
             return True
-        return self.choosing and all(self.words[number] in PASSED_OVER for number in self.roster)
+        return self.choosing and all(word in PASSED_OVER for word in self.words.values())
+
+
+def _ends_a_choice(word: Word) -> bool:
+    """Whether a drone's last word shows that it had the command. `unconfirmed` is also said of those that had not."""
+    return word.is_last and word is not Word.UNCONFIRMED and word not in PASSED_OVER

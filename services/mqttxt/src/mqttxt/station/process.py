@@ -25,7 +25,7 @@ from ..protocol.rankings import SelectMode
 from .choices import Choices
 from .commands import Output, ttl_ms_of
 from .fog import LINK, FogView
-from .heard import Bell, EventStream, Record, SentCommand
+from .heard import Bell, Events, EventStream, Record, SentCommand
 from .outcomes import Event, ListBehind, Outcome, PsmiList, last_word
 from .role import StationRole
 from .transfers import Transfer
@@ -71,7 +71,7 @@ class StationRunner(Runner):
             aliases=MOST_ALIASES,
         )
         self._open: dict[CommandId, Record[Any]] = {}
-        self._streams: WeakSet[Record[Event]] = WeakSet()
+        self._streams: WeakSet[Events] = WeakSet()
         self.choices = Choices()
         self._carried_out = Bell()
         self._running: asyncio.Task[None] | None = None
@@ -84,7 +84,7 @@ class StationRunner(Runner):
         return self._running is not None
 
     def begin(self) -> None:
-        """Run until `leave`. Raises StationEnded if it has run before, ConfigurationError for an unfit event loop."""
+        """Run until `stop`. Raises StationEnded if it has run before, ConfigurationError for an unfit event loop."""
         if self._running is not None:
             raise StationEnded("a ground station is entered once: make another GroundStation")
         loop = type(asyncio.get_running_loop())
@@ -95,14 +95,11 @@ class StationRunner(Runner):
         self._running = asyncio.create_task(self.run())
         self._running.add_done_callback(lambda _: self._on_end())
 
-    async def leave(self) -> None:
-        """End the choices and stop the role cleanly; raises nothing."""
+    def stop(self) -> asyncio.Task[None]:
+        """Stop the role cleanly; returns the task that ends then."""
         assert self._running is not None
-        try:
-            await self.choices.end()
-        finally:
-            self._running.cancel()
-            await asyncio.wait({self._running})
+        self._running.cancel()
+        return self._running
 
     def result(self) -> None:
         """Raises the error that ended the station; nothing where it was left."""
@@ -115,9 +112,8 @@ class StationRunner(Runner):
 
         Raises ConfigurationError in another thread or event loop than the station's.
         """
-        error = self._ended_by()
-        if error is not None:
-            raise error
+        if (error := self._ended_by()) is not None:
+            raise error.with_traceback(None)  # which would grow with each call
         self._check_loop()
 
     def _check_loop(self) -> None:
@@ -209,9 +205,9 @@ class StationRunner(Runner):
         self.carry_out(outputs)
         return SentCommand(record, answer)
 
-    def listen(self, record: Record[Event] | None = None) -> EventStream:
+    def listen(self, record: Events | None = None) -> EventStream:
         """Every event from now on, in a record that may receive other stations' events too."""
-        record = Record[Event]() if record is None else record
+        record = Events() if record is None else record
         self._streams.add(record)
         if self._has_ended:
             self._end_all()
@@ -306,6 +302,15 @@ class StationRunner(Runner):
             stream.end(None if isinstance(error, StationEnded) else error)
         self._streams.clear()
         self._carried_out.ring()
+
+
+async def leave(*runners: StationRunner) -> None:
+    """End the choices of stations and stop their roles cleanly; whoever cancels this ends only the wait for that."""
+    try:
+        for runner in runners:
+            await runner.choices.end()  # they release their reservations, in other fleets too
+    finally:
+        await asyncio.wait([runner.stop() for runner in runners])
 
 
 def check_timeout(timeout_s: float) -> None:

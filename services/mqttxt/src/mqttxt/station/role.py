@@ -60,8 +60,8 @@ class StationRole:
         self.prefix = check_prefix(prefix)
         self._control = Control.WANT if control is True else Control.NONE
         wanted = () if isinstance(control, bool) else control
-        if isinstance(wanted, int):
-            raise ConfigurationError(f"control {wanted}: expected True, False or drones' numbers, as [1, 3]")
+        if not isinstance(wanted, Iterable):
+            raise ConfigurationError(f"control {wanted!r}: expected True, False or drones' numbers, as [1, 3]")
         self._wanted = frozenset(check_number("drone", drone, MAX_DRONE) for drone in wanted)
         self._presence = OwnPresence(self._channel, station_reachable(name, prefix), session)
         self._hearing = Hearing(LINK, lambda: [self._presence.say(up=True)])

@@ -11,6 +11,7 @@ import contextlib
 import logging
 import socket
 import ssl
+import struct
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,8 @@ logger = logging.getLogger("mqttxt.mqtt")
 
 _VOID_BYTES = 65_536
 _MISC_S = 1.0
+_RESET = struct.pack("ii", 1, 0)
+"""For SO_LINGER: closing drops what is not acknowledged, and resets the connection."""
 _WITH_WILL = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
 
 
@@ -95,13 +98,15 @@ class Connection:
         client.on_subscribe = self._on_subscribe
 
     async def open(self) -> int:
-        """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
+        """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError if only the CONNACK is missing."""
         # paho blocks while it resolves, connects and shakes hands: a thread does that, this loop all else.
         connecting = in_own_thread(
             partial(connect, self._client, self.address, self._session_expiry_s, self._aliases.maximum)
         )
         try:
             await asyncio.shield(connecting)
+        except TimeoutError as error:
+            raise ConnectionError("no answer in time") from error
         except asyncio.CancelledError:
             connecting.add_done_callback(self._abandon)
             raise
@@ -161,8 +166,12 @@ class Connection:
         """Write pending messages and DISCONNECT, as far as the system accepts them now; then close the socket.
 
         The broker publishes the will `with_will`, and also if messages were never sent because the broker acknowledged
-        too few: the goodbye is the last of these.
+        too few: the goodbye is the last of these. A CONNECT without an answer is taken back: the system would repeat it
+        for minutes, and the broker then end the next connection, whose client id is the same.
         """
+        if not self._accepted.done() and self._socket is not None:
+            with contextlib.suppress(OSError):  # closed already
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
         reason = _WITH_WILL if with_will or self._outgoing.has_waiting else None
         if self._client.disconnect(reason) == MQTTErrorCode.MQTT_ERR_SUCCESS:
             self._outgoing.flush()
@@ -207,6 +216,10 @@ class Connection:
         keepalive_s = min(self._client.keepalive or KEEPALIVE_S, KEEPALIVE_S)
         if self._keep_alive.is_lost(now_s, keepalive_s):
             logger.info("%s: %s does not answer", self.name, self.address)
+            self.close(with_will=True)
+            return
+        if self._keep_alive.is_left_out(self._subscriptions.under_way or self._outgoing.oldest, KEEPALIVE_S):
+            logger.warning("%s: %s has left out a PUBACK or SUBACK", self.name, self.address)
             self.close(with_will=True)
             return
         if self._keep_alive.is_due(now_s, self._outgoing.wrote_s, keepalive_s):

@@ -99,6 +99,8 @@ class MqttLink:
         self._longest_pause_s = longest_pause_s
         self._is_closed = False
         self._failures = 0
+        self._unanswered = 0
+        """Attempts without an answer: a CONNECT of theirs may come late, and take over a newer connection's id."""
         self._has_been_up = self._was_accepted = self._goes_on_at_once = False
         self._outage = Outage(link or name, address)
         self._use(None)
@@ -229,6 +231,7 @@ class MqttLink:
             try:
                 code = await connection.open()
             except TimeoutError:
+                self._unanswered += 1
                 return "no answer in time"
             except OSError as error:
                 return f"{error.strerror or error}"
@@ -254,8 +257,9 @@ class MqttLink:
                 return connection.refusal
             if code == SESSION_TAKEN_OVER:
                 reason = f"another client took over the id {self._client_id}"
-                if self._may_be_ended:
+                if self._may_be_ended and self._unanswered == 0:
                     raise BrokerRefused(f"{self.name}: {self.address}: {reason}")
+                self._unanswered = max(0, self._unanswered - 1)
                 return reason
             return connection.refusal or (None if connection.was_served else UNSERVED)
         finally:

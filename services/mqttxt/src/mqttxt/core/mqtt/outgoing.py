@@ -50,7 +50,7 @@ class Outgoing:
         self._loop = asyncio.get_running_loop()
         self._limits, self._aliases = BrokerLimits(), AliasTable(0)
         self._refs: dict[int, Hashable] = {}
-        self._unacknowledged: set[int] = set()
+        self._unacknowledged: dict[int, None] = {}
         self._serials = count()
         self._waiting: deque[Publish] = deque()
         self._settled: asyncio.Future[None] | None = None
@@ -66,6 +66,11 @@ class Outgoing:
     def has_waiting(self) -> bool:
         """Whether messages wait because earlier ones are not acknowledged."""
         return bool(self._waiting)
+
+    @property
+    def oldest(self) -> int | None:
+        """The packet id of the first publish that is not acknowledged."""
+        return next(iter(self._unacknowledged), None)
 
     def accepted(self, connack: object) -> None:
         self._limits = BrokerLimits.of(connack)
@@ -101,7 +106,7 @@ class Outgoing:
         else:
             mid = self._unused_mid()
             sock.send(publish(effect, effect.topic, None, mid))
-            self._unacknowledged.add(mid)
+            self._unacknowledged[mid] = None
             if effect.ref is not None:
                 self._refs[mid] = effect.ref
         self.flush_soon()
@@ -123,7 +128,7 @@ class Outgoing:
         """A publish was acknowledged, or refused, with a reason code: send the next waiting message, and report it."""
         if mid not in self._unacknowledged:
             return
-        self._unacknowledged.remove(mid)
+        del self._unacknowledged[mid]
         ref = self._refs.pop(mid, None)
         if self._waiting and self.sock is not None:
             self.publish(self._waiting.popleft())

@@ -29,19 +29,20 @@ class Subscriptions:
         self._granted = granted
         self._refused = refused
         self._waiting: deque[Subscribe] = deque()
-        self._under_way: int | None = None
+        self.under_way: int | None = None
+        """The packet id of the SUBSCRIBE that is not answered."""
 
     def subscribe(self, effect: Subscribe) -> None:
         """Subscribe once the earlier subscriptions are answered."""
         self._waiting.append(effect)
-        if self._under_way is None:
+        if self.under_way is None:
             self._send_next()
 
     def on_suback(self, mid: int, codes: Sequence[int]) -> None:
         """The broker has answered the SUBSCRIBE with packet id `mid`: one reason code per filter."""
-        if mid != self._under_way:
+        if mid != self.under_way:
             return
-        self._under_way = None
+        self.under_way = None
         effect = self._waiting.popleft()
         answers = dict(zip(effect.filters, codes, strict=False))
         refused = {topic: code for topic in effect.filters if (code := answers.get(topic, UNSPECIFIED)) >= UNSPECIFIED}
@@ -59,4 +60,4 @@ class Subscriptions:
             SubscribeOptions.RETAIN_DO_NOT_SEND if effect.live_only else SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
         )
         options = SubscribeOptions(qos=1, retainAsPublished=effect.live_only, retainHandling=handling)
-        _, self._under_way = self._client.subscribe([(topic, options) for topic in effect.filters])
+        _, self.under_way = self._client.subscribe([(topic, options) for topic in effect.filters])

@@ -7,8 +7,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, get_args
 
-from ..log_work import LogDone, LogWork
+from ..log_work import LoadLog, LogDone, LogWork
 from .files import LogFiles
+
+MOST_LOADS = 64
+"""Requests for bytes that may wait, so that a disk that stalls lets none fill the memory. A station has few under way,
+and asks again for those that were dropped.
+"""
 
 
 class LogPort:
@@ -18,8 +23,12 @@ class LogPort:
         self._files = files
         self._on_done = on_done
         self._asked: asyncio.Queue[LogWork] = asyncio.Queue()
-        self.does: dict[type[Any], Callable[[Any], object]] = dict.fromkeys(get_args(LogWork), self._asked.put_nowait)
+        self.does: dict[type[Any], Callable[[Any], object]] = dict.fromkeys(get_args(LogWork), self._ask)
         """The function that carries out each kind of effect on the folder."""
+
+    def _ask(self, work: LogWork) -> None:
+        if not isinstance(work, LoadLog) or self._asked.qsize() < MOST_LOADS:
+            self._asked.put_nowait(work)
 
     async def run(self) -> None:
         """Run until cancelled."""

@@ -143,7 +143,8 @@ class LogReader:
             self._listing.on_entry(message, now_ms)
             return self._go_on(now_ms)
         if kind == "LOG_DATA" and job is not None and job.window is not None:
-            out: list[Output] = [Transmit(one) for one in job.window.on_data(message, now_ms)]
+            missing = job.window.on_data(message, now_ms)
+            out: list[Output] = [Transmit(one) for one in missing if self._vehicle.is_alive(now_ms)]
             return out + self._go_on(now_ms)
         return []
 
@@ -166,7 +167,7 @@ class LogReader:
                 job.restarts = self._vehicle.boots.restarts
                 out += self._break_off()
         if not self._vehicle.is_alive(now_ms):
-            return out  # its heartbeats may return
+            return out
         if self._listing is not None:
             out += [Transmit(one) for one in self._listing.due(now_ms)]
         if job is not None and job.window is not None:
@@ -203,6 +204,8 @@ class LogReader:
             self._listed, self._listed_ms, self._listing = self._listing, now_ms, None
             self._is_list_wanted = False
             out += self._on_listed(self._listed)
+        if not self._vehicle.is_alive(now_ms):
+            return out  # its heartbeats may return, and show it armed
         job = self._job
         is_quiet = now_ms < self._quiet_until_ms
         if job is not None:

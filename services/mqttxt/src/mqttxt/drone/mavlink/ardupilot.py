@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from ...protocol.commands import Takeoff
 from ...protocol.plans import PlanItem
-from ...protocol.states import FlightModeName, Health, Landed
+from ...protocol.states import FlightMode, FlightModeName, Health, Landed
 from .autopilot import Autopilot
 from .plans import (
     CannotExecute,
@@ -158,8 +158,11 @@ class ArduCopter(Autopilot):
 
         In the air ArduCopter refuses it; entering GUIDED for it would only take the drone from its pilot.
         """
-        if landed_state(vehicle, now_ms) not in (Landed.UNDEFINED, Landed.ON_GROUND):
+        landed = landed_state(vehicle, now_ms)
+        if landed not in (Landed.UNDEFINED, Landed.ON_GROUND):
             raise CannotExecute("in_air")
+        if landed is Landed.UNDEFINED and vehicle.seen(FlightMode) != FlightMode(FlightModeName.GUIDED):
+            raise CannotExecute("landed_state_unknown")
         return CommandPlan(
             command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[0.0] * 6, command.altitude_m),
             mavlink.MAV_CMD_NAV_TAKEOFF,

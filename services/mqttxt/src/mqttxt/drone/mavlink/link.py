@@ -30,6 +30,8 @@ _NOT_YET = frozenset({errno.EADDRNOTAVAIL, socket.EAI_AGAIN})
 _DISCARDED_AT_ONCE = 10_000
 """More datagrams than a socket's buffer holds; who floods it does not hold the loop for ever."""
 _READS_AT_ONCE = 1000
+_TURN_S = 0.5
+"""How long one turn of reading may last. It takes a flood; what a socket's buffer holds is read in a part of this."""
 _HAS_KEY = Malformed("mavlink_signed", "the autopilot signs its messages; expected --mavlink-key with its key")
 _NO_STAMPS = Malformed("mavlink_no_stamps", "no time stamp of this key is left; expected another key at both ends")
 
@@ -106,10 +108,17 @@ class AutopilotLink:
         return self._transport.write(packet, is_heartbeat=message.get_type() == "HEARTBEAT")
 
     def messages(self) -> Iterator[Any]:
-        """All received messages: so an acknowledgement among them is read before a tick takes it for missing."""
+        """All received messages: so an acknowledgement among them is read before a tick takes it for missing.
+
+        A flood is read in several turns, between which ticks and brokers have theirs.
+        """
         now_s = asyncio.get_running_loop().time
+        until_s = now_s() + _TURN_S
         for _ in range(_READS_AT_ONCE):
-            found = self._transport.read(now_s()) if self._transport is not None else None
+            at_s = now_s()
+            if at_s > until_s:
+                return
+            found = self._transport.read(at_s) if self._transport is not None else None
             if found is None:
                 self._closed.set()
             if found is None or not found.was_there:
@@ -127,7 +136,7 @@ class AutopilotLink:
         """Read everything that has arrived, and drop it."""
         now_s = asyncio.get_running_loop().time()
         for _ in range(_DISCARDED_AT_ONCE):
-            found = self._transport.read(now_s) if self._transport is not None else None
+            found = self._transport.skip(now_s) if self._transport is not None else None
             if found is None:
                 self._closed.set()
             if found is None or not found.was_there:

@@ -124,12 +124,15 @@ class Window:
             self._pieces[offset] = bytes(message.data[:wanted])
         if self.is_whole or offset + wanted < self._asked_end:
             return []
-        return self.ask(now_ms)
+        return self._ask_again(now_ms)
 
     def due(self, now_ms: int) -> list[Any]:
         """The repeated request, if nothing has arrived for `AGAIN_MS`."""
         if self.is_whole or self.error is not None or now_ms < self._next_ms:
             return []
+        return self._ask_again(now_ms)
+
+    def _ask_again(self, now_ms: int) -> list[Any]:
         self._silent_asks += 1
         if self._silent_asks >= SILENT_ASKS:
             self.error = "no_answer"

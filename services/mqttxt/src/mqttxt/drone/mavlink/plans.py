@@ -99,7 +99,7 @@ def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
 def landed_state(vehicle: Vehicle, now_ms: int) -> Landed:
     """The newest landed state; UNDEFINED if none arrived within `LANDED_MS`."""
     told = vehicle.seen(LandedState)
-    is_old = vehicle.silence_ms("EXTENDED_SYS_STATE", now_ms) > LANDED_MS
+    is_old = vehicle.age_ms(LandedState.name, now_ms) > LANDED_MS
     return Landed.UNDEFINED if told is None or is_old else told.landed
 
 

@@ -142,6 +142,10 @@ class Limits:
     parameters: frozenset[str] = frozenset()
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    def range_of(self, name: str) -> tuple[float, float] | None:
+        """A parameter's range if it is known. ArduPilot ignores the case of names."""
+        return self.ranges.get(name, self.ranges.get(name.upper()))
+
 
 def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> CommandPlan:
     """The plan of an unchanged MAV_CMD. Raises CannotExecute if it must not be sent."""

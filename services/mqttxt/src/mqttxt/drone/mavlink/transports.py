@@ -25,6 +25,8 @@ logger = logging.getLogger("mqttxt.mavlink")
 
 MAX_BAUD = 99_999_999
 _READ_BYTES = 65_536
+_DATAGRAM_BYTES = 8192
+"""What is read of one datagram; senders put one frame into it, or as many as a network's packet holds."""
 
 Judge = Callable[[Any, float], Any]
 """Takes a received message and the time in seconds; returns the message, or Malformed."""
@@ -70,6 +72,7 @@ class Read:
 
 
 _NOTHING = Read(was_there=False)
+_SKIPPED = Read()
 
 
 class Transport:
@@ -83,6 +86,10 @@ class Transport:
 
     def read(self, now_s: float) -> Read | None:
         raise NotImplementedError
+
+    def skip(self, now_s: float) -> Read | None:
+        """Read, and drop what has arrived. A stream is parsed only where its messages are taken."""
+        return self.read(now_s)
 
     def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
         raise NotImplementedError
@@ -119,7 +126,7 @@ class Udp(Transport):
 
     def read(self, now_s: float) -> Read | None:
         try:
-            data, sender = self._socket.recvfrom(_READ_BYTES)
+            data, sender = self._socket.recvfrom(_DATAGRAM_BYTES)
         except OSError:  # nothing to read, or an ICMP error for an earlier datagram
             return _NOTHING
         if sender != self._peer and self._peer is not None and now_s - self._peer_heard_s <= HEARTBEAT_LOST_MS / 1000:
@@ -135,6 +142,16 @@ class Udp(Transport):
         ):
             self._behind = sender
         return Read(messages)
+
+    def skip(self, now_s: float) -> Read | None:
+        """Drop a datagram unparsed. It shows that the peer was there while nothing was read."""
+        try:
+            _, sender = self._socket.recvfrom(_DATAGRAM_BYTES)
+        except OSError:
+            return _NOTHING
+        if sender == self._peer:
+            self._peer_heard_s = now_s
+        return _SKIPPED
 
     def _is_heartbeat(self, message: Any) -> bool:
         """Whether a message is a heartbeat of the drone's autopilot; other programs may use its system id."""

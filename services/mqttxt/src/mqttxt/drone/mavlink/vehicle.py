@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
@@ -31,6 +30,7 @@ from ...protocol.states import (
     VelocityNed,
     VitalState,
 )
+from .arrivals import Arrivals
 from .autopilot import Autopilot
 from .autopilots import kind_of
 from .boots import Boots
@@ -53,19 +53,11 @@ Value = TypeVar("Value", bound=VitalState)
 
 @dataclass(frozen=True)
 class Seen(Generic[Value]):
-    """A state and the number of its message; a higher number was received later."""
+    """A state, and the number and time of its message; a higher number was received later."""
 
     state: Value
     number: int
-
-
-@dataclass
-class Arrivals:
-    """The arrivals of one kind of message: the number and time of the last, and the smoothed interval."""
-
-    number: int
     at_ms: int
-    interval_ms: float | None = None
 
 
 class Vehicle:
@@ -80,12 +72,12 @@ class Vehicle:
         self.heartbeat_ms: int | None = None
         self.heard_ms: int | None = None
         self.boots = Boots()
+        self.arrivals = Arrivals()
         self.states: dict[str, Seen[Any]] = {}
         self.cruise_m_s: float | None = None
         self.mission = MissionProgress()
         self._autopilot: Autopilot | None = None
         self._still: list[tuple[int, int]] = []
-        self._arrivals: dict[str, Arrivals] = {}
         self._texts = StatusTexts()
         self._text = (-1, "")
         self._home = HomeOfArming()
@@ -128,6 +120,11 @@ class Vehicle:
         found = self.states.get(cls.name)
         return found.state if found is not None and found.number > after else None
 
+    def age_ms(self, name: str, now_ms: int) -> float:
+        """The time since the newest value of a state, ms; infinite without one. Its messages may come without one."""
+        found = self.states.get(name)
+        return math.inf if found is None else now_ms - found.at_ms
+
     def is_still(self, after: int) -> bool:
         """Whether the drone has been standing still for a second, by messages after message number `after`."""
         shown = [at_ms for number, at_ms in self._still if number > after]
@@ -137,32 +134,9 @@ class Vehicle:
         """Whether a message is from this autopilot."""
         return bool(message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT)
 
-    def number_of(self, kind: str) -> int:
-        """The number of the last message of a kind, -1 if none arrived."""
-        found = self._arrivals.get(kind)
-        return found.number if found is not None else -1
-
     def text_since(self, number: int) -> str:
         """The last text of at least warning severity that ended after message number `number`, empty without one."""
         return self._text[1] if self._text[0] > number else ""
-
-    def silence_ms(self, kind: str, now_ms: int) -> float:
-        """The time since the last message of a kind, ms; infinite without one."""
-        found = self._arrivals.get(kind)
-        return math.inf if found is None else now_ms - found.at_ms
-
-    def silent(self, kinds: Mapping[str, str], since_ms: int) -> list[str]:
-        """The keys of the kinds of messages of which none arrived after `since_ms`."""
-        arrivals = self._arrivals
-        return [name for name, kind in kinds.items() if kind not in arrivals or arrivals[kind].at_ms <= since_ms]
-
-    def rate_hz(self, kind: str, now_ms: int) -> float:
-        """The measured rate of a kind of message, Hz; 0 before the second one, falling once they stop."""
-        found = self._arrivals.get(kind)
-        if found is None or found.interval_ms is None:
-            return 0.0
-        since_ms = now_ms - found.at_ms
-        return 1000 / max(1.0, found.interval_ms, since_ms if since_ms > 3 * found.interval_ms else 0.0)
 
     def update(self, message: Any, now_ms: int) -> list[State]:
         """Take in a message of this autopilot; returns the states in it.
@@ -177,7 +151,7 @@ class Vehicle:
         self.number += 1
         self.boots.on_message(message, 0 if self.heard_ms is None else now_ms - self.heard_ms, self.heartbeat_ms)
         self.heard_ms = now_ms
-        self._note_arrival(kind, now_ms)
+        self.arrivals.note(kind, self.number, now_ms)
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
         elif kind == "STATUSTEXT":
@@ -195,7 +169,7 @@ class Vehicle:
         if kind == "GLOBAL_POSITION_INT":
             self._note_motion(message, now_ms)
         for state in told:
-            self.states[state.name] = Seen(state, self.number)
+            self.states[state.name] = Seen(state, self.number, now_ms)
         return told
 
     def _is_of_kind(self, heartbeat: Any) -> bool:
@@ -240,16 +214,6 @@ class Vehicle:
         self._still.append((self.number, now_ms))
         while len(self._still) > 1 and now_ms - self._still[1][1] >= STILL_MS:
             del self._still[0]
-
-    def _note_arrival(self, kind: str, now_ms: int) -> None:
-        found = self._arrivals.get(kind)
-        if found is None:
-            self._arrivals[kind] = Arrivals(self.number, now_ms)
-            return
-        interval_ms = now_ms - found.at_ms
-        smoothed = found.interval_ms
-        found.interval_ms = interval_ms if smoothed is None else 0.9 * smoothed + 0.1 * interval_ms
-        found.number, found.at_ms = self.number, now_ms
 
 
 def _battery(message: Any) -> list[State]:

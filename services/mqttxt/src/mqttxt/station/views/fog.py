@@ -61,6 +61,8 @@ class Fog:
     async def take_over(self, drones: tuple[int, ...] | None = None, timeout_s: float = TAKEOVER_S) -> None:
         """Take control of drones of the fog from any holder.
 
+        A station with `control=False` or drones' numbers keeps those alone that it wants or has claimed.
+
         Parameters:
             drones: the drones' numbers; None: all of the fog.
             timeout_s: how long to wait for the confirmation, in seconds.

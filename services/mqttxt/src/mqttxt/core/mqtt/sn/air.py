@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 from collections.abc import Callable, Hashable
 from math import inf
 from typing import TYPE_CHECKING, Any, cast
@@ -30,6 +31,9 @@ CLIENT_PREFIX = "sn-"
 MOST_UNSENT_BYTES = 1 << 20
 TICK_S = 0.05
 """Half of the shortest time after which a packet is repeated."""
+_LARGEST_DATAGRAM = 65_535
+_TAKEN_AT_ONCE = 64
+"""Datagrams read in a turn of the event loop. asyncio reads one, and of a broker 256 packets are read in a turn."""
 
 
 class _ToBroker:
@@ -146,6 +150,7 @@ class Air(asyncio.DatagramProtocol):
             TopicIds(root), self._send, lambda client: _ToBroker(self, client), count, self._is_newer_list
         )
         self._transport: asyncio.DatagramTransport | None = None
+        self._socket: socket.socket | None = None
         self._timer: asyncio.TimerHandle | None = None
 
     async def run(self) -> None:
@@ -163,6 +168,9 @@ class Air(asyncio.DatagramProtocol):
         finally:
             self._gateway.end(self.now_s())
             transport.close()
+            if self._socket is not None:
+                self._socket.close()
+                self._socket = None
             if self._timer is not None:
                 self._timer.cancel()
             left = list(self.tasks)
@@ -182,17 +190,32 @@ class Air(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.DatagramTransport", transport)
+        self._socket = socket.socket(fileno=socket.dup(transport.get_extra_info("socket").fileno()))
+        self._socket.setblocking(False)
 
     def connection_lost(self, error: Exception | None) -> None:
         self._transport = None
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
         self._gateway.received(data, addr, self.now_s())
+        self._take_more(_TAKEN_AT_ONCE - 1)
         self.look()
 
     def error_received(self, error: Exception) -> None:
         """The system refused a datagram: it is counted, and lost as if on the way."""
         self.count("air_send", str(error))
+
+    def _take_more(self, most: int) -> None:
+        """Take datagrams that have come meanwhile."""
+        try:
+            for _ in range(most):
+                if self._socket is None:
+                    break
+                self._gateway.received(*self._socket.recvfrom(_LARGEST_DATAGRAM), self.now_s())
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self.error_received(error)
 
     def _is_newer_list(self, payload: bytes) -> bool:
         """Whether a payload is a revocation list of the fleet that is newer than the activator's."""

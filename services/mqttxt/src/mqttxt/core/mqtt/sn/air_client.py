@@ -290,17 +290,18 @@ class AirClient:
             told = self._read(message)
         except ValueError as error:
             self._count("air_datagram", f"{self.client_id}: {error}")
-            if message.topic_id == TOGETHER and message.id_type == PREDEFINED:
+            if _is_stream(message):
                 self.end(now_s)
             elif message.qos:
                 self._answer(packets.Puback(message.topic_id, message.msg_id, packets.INVALID_TOPIC))
             return
         for each in told:
-            if not self._may(self._ids.may_say, each.topic, now_s):
+            may_be_retained = not each.retain or self._ids.may_retain(each.topic)
+            if not (self._may(self._ids.may_say, each.topic, now_s) and may_be_retained):
                 self._count("air_topic", f"{self.client_id}: {each.topic}: not one that its drone publishes")
                 if self.stage is Stage.UP and message.qos:
                     self._answer(packets.Puback(message.topic_id, message.msg_id, packets.INVALID_TOPIC))
-                if self.stage is Stage.UP and message.topic_id == TOGETHER:
+                if self.stage is Stage.UP and _is_stream(message):
                     self.end(now_s)
                 return
         self.published += len(told)
@@ -314,7 +315,7 @@ class AirClient:
 
     def _read(self, message: Message) -> list[AirMessage]:
         """The messages that a PUBLISH carries or completes; raises ValueError."""
-        if message.topic_id == TOGETHER and message.id_type == PREDEFINED:
+        if _is_stream(message):
             if message.qos == 0:
                 raise ValueError("messages together at QoS 0; expected QoS 1")
             return self._unpacker.take(message.payload)
@@ -411,3 +412,8 @@ class AirClient:
         datagram = codec.encode(packet)
         if self._address.takes(len(datagram)):
             self._send_datagram(datagram)
+
+
+def _is_stream(message: Message) -> bool:
+    """Whether it is a piece of the stream of messages together; the client may have registered a topic as 1."""
+    return message.topic_id == TOGETHER and message.id_type == PREDEFINED

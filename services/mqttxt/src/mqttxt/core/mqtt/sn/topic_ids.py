@@ -101,6 +101,10 @@ class TopicIds:
         found = self._parsed(topic)
         return found is not None and found.kind == "reachable"
 
+    def may_retain(self, topic: str) -> bool:
+        """Whether messages of a topic may be retained; there are others without end, and a broker would keep all."""
+        return self.is_list(topic) or self.is_birth(topic)
+
     def may_say(self, drone: int | None, topic: str) -> bool:
         """Whether a UAV client of `drone` may publish on a topic."""
         return self._may(_SAID, drone, topic)
