@@ -144,7 +144,7 @@ def test_a_drone_is_named_with_its_fleet_at_the_command_line(two: TwoFleets) -> 
     [
         ("send arm --drone acme/1 --fog acme/eu/1", "expected a drone and a fog of one fleet"),
         ("send arm --drone acme/1 --prefix acme/eu", "expected one of the fleet of --prefix acme/eu"),
-        ("watch --fog 1 --fog acme/1", "expected one for each of several fleets"),
+        ("watch --fog 1 --fog acme/1", "expected FLEET/NUMBER of each fog"),
         ("watch --fog acme/1 --fog ACME/1", "a second one; expected another for each fleet"),
         ("mavlink --fog acme/1 --fog acme/eu/1 --listen tcp:127.0.0.1:5760", "MAVLink's ids are per fleet"),
         ("send arm --fog acme/1 --fog acme/eu/1", "expected one, or --best"),
