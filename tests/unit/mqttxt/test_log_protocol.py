@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import FlightLog
-from mqttxt.drone.mavlink.log_protocol import DATA_BYTES, SILENT_ASKS, Listing, Window
+from mqttxt.drone.mavlink.log_protocol import AGAIN_MS, DATA_BYTES, SILENT_ASKS, Listing, Window
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.logs import MOST_LOGS, pack_logs, unpack_logs
 from tests.simulation.world import from_autopilot
@@ -54,8 +54,24 @@ def test_a_last_piece_that_comes_again_and_again_is_not_asked_for_without_end() 
     window = Window(1, FlightLog(3, 1000, None), 0, 270)
     window.ask(0)
     asked = [one for _ in range(100) for one in window.on_data(data(3, 180, 90), 0)]
-    assert len(asked) < SILENT_ASKS
+    assert [(one.ofs, one.count) for one in asked] == [(0, 180)]
+    assert window.error is None
+    for turn in range(1, SILENT_ASKS + 1):
+        window.due(turn * AGAIN_MS)
     assert window.error == "no_answer"
+
+
+def test_a_window_that_comes_twice_with_the_same_gap_is_still_read() -> None:
+    """A radio stalled, the request was repeated, and then both answers came."""
+    end = 64 * DATA_BYTES
+    window = Window(1, FlightLog(3, end, None), 0, end)
+    window.ask(0)
+    assert window.due(AGAIN_MS)
+    came = [offset for offset in range(0, end, DATA_BYTES) if offset != 10 * DATA_BYTES]
+    asked = [one for offset in 2 * came for one in window.on_data(data(3, offset, DATA_BYTES), AGAIN_MS)]
+    assert [(one.ofs, one.count) for one in asked] == [(10 * DATA_BYTES, DATA_BYTES)]
+    window.on_data(data(3, 10 * DATA_BYTES, DATA_BYTES), 2 * AGAIN_MS)
+    assert (window.error, window.is_whole) == (None, True)
 
 
 def test_a_log_that_ends_too_soon_has_changed() -> None:

@@ -108,7 +108,10 @@ class Window:
         ]
 
     def on_data(self, message: Any, now_ms: int) -> list[Any]:
-        """Take in a LOG_DATA. After the last requested one, request the missing bytes again."""
+        """Take in a LOG_DATA. After the last requested one, request the missing bytes again.
+
+        Not after a copy: behind a request that was repeated the autopilot's whole answer comes twice.
+        """
         offset = message.ofs
         is_one = message.id == self._log.number and offset in range(self.start, self.end, DATA_BYTES)
         if not is_one or self.is_whole or self.error is not None:
@@ -119,20 +122,18 @@ class Window:
             if self._short_answers >= SHORT_ANSWERS:
                 self.error = "changed_meanwhile"
             return []
-        if offset not in self._pieces:
-            self._silent_asks, self._next_ms = 0, now_ms + AGAIN_MS
-            self._pieces[offset] = bytes(message.data[:wanted])
+        if offset in self._pieces:
+            return []
+        self._silent_asks, self._next_ms = 0, now_ms + AGAIN_MS
+        self._pieces[offset] = bytes(message.data[:wanted])
         if self.is_whole or offset + wanted < self._asked_end:
             return []
-        return self._ask_again(now_ms)
+        return self.ask(now_ms)
 
     def due(self, now_ms: int) -> list[Any]:
         """The repeated request, if nothing has arrived for `AGAIN_MS`."""
         if self.is_whole or self.error is not None or now_ms < self._next_ms:
             return []
-        return self._ask_again(now_ms)
-
-    def _ask_again(self, now_ms: int) -> list[Any]:
         self._silent_asks += 1
         if self._silent_asks >= SILENT_ASKS:
             self.error = "no_answer"
